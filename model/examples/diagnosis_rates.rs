@@ -23,7 +23,7 @@ struct Arguments {
     instrumentation: Instrumentation,
 }
 
-fn arguments() -> Result<Arguments, String> {
+fn arguments() -> Result<Arguments, Box<dyn Error>> {
     let mut given = Arguments {
         seeds: 20,
         only: String::new(),
@@ -41,7 +41,8 @@ fn arguments() -> Result<Arguments, String> {
             _ => {
                 return Err(format!(
                     "{word} is unknown; the options are --seeds N, --first N, --only TEXT and --velocity"
-                ));
+                )
+                .into());
             }
         }
     }

@@ -133,7 +133,7 @@ impl Fis {
     /// Parses the text of a file.
     ///
     /// # Errors
-    /// [`Error::Fis`] with the line, what is wrong there, and which values are valid.
+    /// [`Error::Fis`] with the line and what is wrong there.
     pub fn parse(text: &str) -> Result<Self, Error> {
         read::parse(text)
     }

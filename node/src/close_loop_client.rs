@@ -125,11 +125,11 @@ impl CloseLoopClient<'_> {
             .map_err(|error| self.failed("reading the report", &error))?;
         match report["error"].as_str() {
             None if result.success => Ok(report),
-            why => Err(NodeError::Failed(format!(
-                "{} failed: {}",
-                self.action,
-                why.unwrap_or("no reason is given; see the node's log")
-            ))),
+            error => Err(NodeError::Goal {
+                action: self.action.to_owned(),
+                error: error.map(str::to_owned),
+                reason: report.get("reason").filter(|reason| !reason.is_null()).cloned(),
+            }),
         }
     }
 

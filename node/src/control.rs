@@ -4,7 +4,7 @@
 //! which they were accepted. A command on the ring cannot fail.
 
 use crate::config::{Config, Mutability, Parameter, Value, find};
-use crate::error::NodeError;
+use crate::error::{NodeError, RequestError};
 use crate::estimator::{Estimator, EstimatorCounters, PipelineCommand};
 use crate::lifecycle::{LifecycleState, Transition};
 use crate::models;
@@ -143,7 +143,7 @@ impl Control {
     ) -> Result<(LifecycleState, LifecycleState), NodeError> {
         let mut state = lock(&self.state);
         let from = state.lifecycle;
-        let to = from.after(transition).map_err(NodeError::Failed)?;
+        let to = from.after(transition)?;
         let place = match transition {
             Transition::Configure => {
                 let (models, names) = models::from_config(&state.config)?;
@@ -189,10 +189,7 @@ impl Control {
     pub fn reset(&self) -> Result<(), NodeError> {
         let lifecycle = self.lifecycle_state();
         if lifecycle != LifecycleState::Active {
-            return Err(NodeError::Failed(format!(
-                "the node is {}: there is nothing to reset",
-                lifecycle.name()
-            )));
+            return Err(RequestError::NothingToReset { state: lifecycle.name() }.into());
         }
         self.send(PipelineCommand::Reset).map(|_| tracing::info!("reset"))
     }
@@ -298,19 +295,17 @@ impl Control {
     ///
     /// # Errors
     /// When a parameter is unknown, out of range or cannot be set in this state, or when the values do not fit
-    /// together. The text is the reason.
-    pub fn set_parameters(&self, requested: &[(&str, Value)]) -> Result<Vec<String>, String> {
+    /// together.
+    pub fn set_parameters(&self, requested: &[(&str, Value)]) -> Result<Vec<String>, NodeError> {
         let mut state = lock(&self.state);
         let mut config = state.config.clone();
         let mut changed = Vec::new();
         for (name, value) in requested {
             if config.qos.get(name).is_some() {
-                return Err(format!(
-                    "{name} is read-only: the QoS of a topic is set at the start of the node"
-                ));
+                return Err(RequestError::Qos { name: (*name).to_owned() }.into());
             }
-            let parameter = find(name).map_err(|e| e.to_string())?;
-            let value = parameter.check(value).map_err(|e| e.to_string())?;
+            let parameter = find(name)?;
+            let value = parameter.check(value)?;
             if (parameter.get)(&config) == value {
                 continue;
             }
@@ -324,14 +319,14 @@ impl Control {
         if let Some(models) = &state.models {
             // The pipeline may refuse a combination that each parameter's own range allows, for example an ARX model
             // with an output filter.
-            let (settings, setup) = setup(&config, models).map_err(|e| e.to_string())?;
+            let (settings, setup) = setup(&config, models)?;
             let commands =
                 |name: &String| name == "law" || name.starts_with("inverse.") || name.starts_with("current.");
             if changed.iter().any(commands) {
                 Self::say_commands(&models.free, &settings, setup.controller());
             }
             if state.lifecycle == LifecycleState::Active {
-                self.send(PipelineCommand::Take(setup)).map_err(|e| e.to_string())?;
+                self.send(PipelineCommand::Take(setup))?;
             }
         }
         tracing::info!(parameters = ?requested, "set");
@@ -341,7 +336,7 @@ impl Control {
             self.clock.simulate(state.config.use_sim_time);
             if state.lifecycle == LifecycleState::Active {
                 tracing::info!("the clock was switched: all history is cleared");
-                self.send(PipelineCommand::Reset).map_err(|e| e.to_string())?;
+                self.send(PipelineCommand::Reset)?;
             }
         }
         Ok(changed)
@@ -349,19 +344,15 @@ impl Control {
 }
 
 /// Checks whether `parameter` can be set in the state `lifecycle`; the error says why not and what to do.
-fn may_change(parameter: &Parameter, lifecycle: LifecycleState) -> Result<(), String> {
+fn may_change(parameter: &Parameter, lifecycle: LifecycleState) -> Result<(), RequestError> {
     match (parameter.mutability, lifecycle) {
         (Mutability::Running, _) | (Mutability::Unconfigured, LifecycleState::Unconfigured) => Ok(()),
-        (Mutability::Unconfigured, _) => Err(format!(
-            "parameter {} cannot change while the node is {}{}",
-            parameter.name,
-            lifecycle.name(),
-            parameter.instead()
-        )),
-        (Mutability::Never, _) => Err(format!(
-            "parameter {} cannot change while the node runs; restart it with the new value",
-            parameter.name
-        )),
+        (Mutability::Unconfigured, _) => Err(RequestError::ParameterInState {
+            name: parameter.name,
+            state: lifecycle.name(),
+            instead: parameter.instead(),
+        }),
+        (Mutability::Never, _) => Err(RequestError::ParameterNeedsRestart { name: parameter.name }),
     }
 }
 

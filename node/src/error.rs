@@ -1,5 +1,9 @@
 //! Errors of the service. Each message says what went wrong, where, and what to do.
 
+mod request;
+
+pub use request::RequestError;
+
 use mr_damper_base::disk::advice;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -79,6 +83,30 @@ pub enum NodeError {
         /// The system's error.
         source: std::io::Error,
     },
+    /// A diagnosis of the running model failed.
+    #[error(
+        "on {history_s:.1} s of history (the first 60 % are training runs (estimate), the next 20 % validation runs (confirm), the rest \
+         test runs): {error}. The node keeps history.duration_s of history; another base model can be loaded with load_model"
+    )]
+    OnHistory {
+        /// Length of the history, s.
+        history_s: f64,
+        /// The error of the diagnosis.
+        error: Box<mr_damper_model::Error>,
+    },
+    /// The goal of an action failed.
+    #[error("{action} failed: {}", error.as_deref().unwrap_or("no reason is given; see the node's log"))]
+    Goal {
+        /// The action.
+        action: String,
+        /// The sentence of the node; `None` if it gave none.
+        error: Option<String>,
+        /// The code and fields of the node's error, if it has any.
+        reason: Option<serde_json::Value>,
+    },
+    /// What a peer requested is refused.
+    #[error(transparent)]
+    Request(#[from] RequestError),
     /// The work was interrupted.
     #[error("interrupted")]
     Interrupted,
@@ -98,6 +126,18 @@ impl From<mr_damper_model::Error> for NodeError {
 }
 
 impl NodeError {
+    /// The stable code and the fields of the error of the model crate that this error reports, for JSON; `None` if it reports none.
+    #[must_use]
+    pub fn reason(&self) -> Option<serde_json::Value> {
+        match self {
+            Self::Model(error) => serde_json::to_value(error).ok(),
+            Self::OnHistory { error, .. } => serde_json::to_value(error).ok(),
+            Self::Goal { reason, .. } => reason.clone(),
+            Self::Damper { why, .. } => why.reason(),
+            _ => None,
+        }
+    }
+
     /// An error of the operating system while doing `what`.
     pub fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Self {
         let what = what.into();

@@ -16,6 +16,7 @@
 //!
 //! A transition is complete when its service answers, without intermediate states.
 
+use crate::error::RequestError;
 use mr_damper_msgs::lifecycle::{State, Transition as TransitionMsg, TransitionDescription};
 
 /// A state of the node.
@@ -87,13 +88,13 @@ impl LifecycleState {
     /// The state after `transition`.
     ///
     /// # Errors
-    /// When the transition is not allowed in this state; the message lists those that are.
-    pub fn after(self, transition: Transition) -> Result<Self, String> {
+    /// [`RequestError::Transition`], which lists the transitions that are allowed.
+    pub fn after(self, transition: Transition) -> Result<Self, RequestError> {
         let row = TABLE.iter().find(|(other, _, from, _)| (*other, *from) == (transition, self));
-        row.map(|(_, _, _, to)| *to).ok_or_else(|| {
-            let possible: Vec<_> = self.transitions().map(|(transition, _)| transition.name()).collect();
-            let possible = if possible.is_empty() { "none".to_owned() } else { possible.join(", ") };
-            format!("{} is not allowed in the state {}; allowed: {possible}", transition.name(), self.name())
+        row.map(|(_, _, _, to)| *to).ok_or_else(|| RequestError::Transition {
+            transition: transition.name(),
+            state: self.name(),
+            allowed: self.transitions().map(|(transition, _)| transition.name()).collect(),
         })
     }
 
@@ -110,17 +111,16 @@ impl Transition {
     /// The requested transition, by label or by number; a shutdown by any of its numbers.
     ///
     /// # Errors
-    /// When the transition does not exist.
-    pub fn requested(request: &TransitionMsg) -> Result<Self, String> {
+    /// [`RequestError::UnknownTransition`].
+    pub fn requested(request: &TransitionMsg) -> Result<Self, RequestError> {
         let named = |(transition, id, _, _): &&(Transition, u8, LifecycleState, LifecycleState)| {
             if request.label.is_empty() { *id == request.id } else { transition.name() == request.label }
         };
-        TABLE.iter().find(named).map(|row| row.0).ok_or_else(|| {
-            format!(
-                "unknown transition {} \"{}\"; use configure, cleanup, activate, deactivate or shutdown",
-                request.id, request.label
-            )
-        })
+        TABLE
+            .iter()
+            .find(named)
+            .map(|row| row.0)
+            .ok_or_else(|| RequestError::UnknownTransition { id: request.id, label: request.label.clone() })
     }
 
     /// The name, as in `lifecycle_msgs`.
@@ -166,7 +166,9 @@ mod tests {
         for state in LifecycleState::ALL {
             writeln!(text, "{} {}", state.message().id, state.name()).expect("a text");
             for transition in all {
-                let result = state.after(transition).map_or_else(|why| why, |to| format!("-> {}", to.name()));
+                let result = state
+                    .after(transition)
+                    .map_or_else(|why| why.to_string(), |to| format!("-> {}", to.name()));
                 writeln!(text, "  {:<10} {result}", transition.name()).expect("a text");
             }
         }
@@ -179,7 +181,7 @@ mod tests {
         assert_eq!(request(3, ""), Ok(Transition::Activate));
         assert_eq!(request(0, "configure"), Ok(Transition::Configure));
         assert_eq!(request(7, ""), Ok(Transition::Shutdown));
-        assert!(request(99, "").expect_err("unknown").contains("99"));
-        assert!(request(1, "start").expect_err("unknown").contains("\"start\""));
+        assert!(request(99, "").expect_err("unknown").to_string().contains("99"));
+        assert!(request(1, "start").expect_err("unknown").to_string().contains("\"start\""));
     }
 }

@@ -124,7 +124,7 @@ impl Names {
     }
 
     /// Tries each name once and returns the new addresses. Logs the first failure of a name, and its later success.
-    fn look_up(&mut self, resolve: impl Fn(&str) -> Result<Ipv4Addr, String>) -> Vec<Ipv4Addr> {
+    fn look_up(&mut self, resolve: impl Fn(&str) -> Result<Ipv4Addr, ResolveError>) -> Vec<Ipv4Addr> {
         let mut found = Vec::new();
         let logged = &mut self.logged;
         self.missing.retain(|host| match resolve(host) {
@@ -172,14 +172,23 @@ fn resolve_all(mut names: Names, known: &Arc<Mutex<Vec<Ipv4Addr>>>) -> Result<()
     thread.map(drop).map_err(NodeError::io("starting the thread that resolves the names of listed hosts"))
 }
 
+/// Reasons why the name of a host gives no address.
+#[derive(Debug, thiserror::Error)]
+enum ResolveError {
+    #[error(transparent)]
+    System(#[from] io::Error),
+    #[error("it has no IPv4 address")]
+    NoIpv4,
+}
+
 /// The first IPv4 address of `host`.
-fn resolve(host: &str) -> Result<Ipv4Addr, String> {
-    let mut found = (host, 0).to_socket_addrs().map_err(|error| error.to_string())?;
+fn resolve(host: &str) -> Result<Ipv4Addr, ResolveError> {
+    let mut found = (host, 0).to_socket_addrs()?;
     let found = found.find_map(|address| match address {
         SocketAddr::V4(address) => Some(*address.ip()),
         SocketAddr::V6(_) => None,
     });
-    found.ok_or_else(|| "it has no IPv4 address".to_owned())
+    found.ok_or(ResolveError::NoIpv4)
 }
 
 /// Opens the port of announcements on `interface`, shared with all other processes that have it open.
@@ -257,7 +266,7 @@ mod tests {
     fn a_name_that_does_not_resolve_is_tried_again() {
         let mut names = Names::new(vec!["here".to_owned(), "later".to_owned()]);
         let (here, later) = (Ipv4Addr::new(10, 0, 0, 1), Ipv4Addr::new(10, 0, 0, 2));
-        let not_yet = |host: &str| if host == "here" { Ok(here) } else { Err("unknown".to_owned()) };
+        let not_yet = |host: &str| if host == "here" { Ok(here) } else { Err(ResolveError::NoIpv4) };
         assert_eq!(names.look_up(not_yet), [here]);
         assert_eq!((names.look_up(not_yet), names.logged.len()), (vec![], 1));
         assert_eq!(names.look_up(|_| Ok(later)), [later]);
@@ -270,7 +279,7 @@ mod tests {
         // A domain that no other test uses.
         ListedPeers::start(&hosts, 117, &[7; 12]).expect("it starts");
         assert!(resolve("no-such-host.invalid").is_err());
-        assert_eq!(resolve("localhost"), Ok(Ipv4Addr::LOCALHOST));
+        assert_eq!(resolve("localhost").ok(), Some(Ipv4Addr::LOCALHOST));
         let message = ListedPeers::start(&["::1".to_owned()], 117, &[7; 12]).expect_err("IPv6").to_string();
         assert!(message.contains("discovery_peers") && message.contains("\"::1\""), "{message}");
     }

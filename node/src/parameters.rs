@@ -6,7 +6,7 @@
 use crate::config::qos::Overrides;
 use crate::config::{Mutability, Parameter, ParameterKind, TABLE, Value, find};
 use crate::control::Control;
-use crate::error::NodeError;
+use crate::error::{NodeError, RequestError};
 use crate::ros::{Output, Ros};
 use crate::wire::header;
 use mr_damper_msgs::rcl;
@@ -70,16 +70,22 @@ impl Parameters {
     /// Sets all parameters or none.
     #[must_use]
     pub fn set(&self, requested: &[rcl::Parameter]) -> SetParametersResult {
-        match self.try_set(requested) {
+        match self.change(requested) {
             Ok(()) => SetParametersResult { successful: true, reason: String::new() },
-            Err(reason) => {
-                tracing::warn!("cannot set a parameter: {reason}");
-                SetParametersResult { successful: false, reason }
-            }
+            Err(error) => SetParametersResult { successful: false, reason: error.to_string() },
         }
     }
 
-    fn try_set(&self, requested: &[rcl::Parameter]) -> Result<(), String> {
+    /// Sets all parameters or none, and logs a refusal.
+    ///
+    /// # Errors
+    /// [`NodeError::Request`] for a text that is too long or a type that no parameter has; the errors of
+    /// [`Control::set_parameters`].
+    pub fn change(&self, requested: &[rcl::Parameter]) -> Result<(), NodeError> {
+        self.try_change(requested).inspect_err(|error| tracing::warn!("cannot set a parameter: {error}"))
+    }
+
+    fn try_change(&self, requested: &[rcl::Parameter]) -> Result<(), NodeError> {
         for rcl::Parameter { name, value } in requested {
             within_length("a parameter's name", name)?;
             let texts = std::iter::once(&value.string_value).chain(&value.string_array_value);
@@ -88,7 +94,7 @@ impl Parameters {
         let named = requested.iter().map(|rcl::Parameter { name, value }| {
             Ok((name.as_str(), from_ros(value).ok_or_else(|| unfit(name, value))?))
         });
-        let changed = self.control.set_parameters(&named.collect::<Result<Vec<_>, String>>()?)?;
+        let changed = self.control.set_parameters(&named.collect::<Result<Vec<_>, RequestError>>()?)?;
         self.announce(&changed);
         Ok(())
     }
@@ -238,18 +244,19 @@ const LONGEST: usize = 4096;
 /// the answer, whose length is limited too (`docs/decisions/0006-answers-between-hosts.md`).
 ///
 /// # Errors
-/// What was too long, and how long it may be.
-pub fn within_length(what: &str, text: &str) -> Result<(), String> {
+/// [`RequestError::TooLong`].
+pub fn within_length(what: &str, text: &str) -> Result<(), RequestError> {
     if text.len() <= LONGEST {
         return Ok(());
     }
-    Err(format!("{what} has {} bytes; texts have at most {LONGEST}", text.len()))
+    Err(RequestError::TooLong { what: what.to_owned(), bytes: text.len(), most: LONGEST })
 }
 
-fn unfit(name: &str, value: &ParameterValue) -> String {
+fn unfit(name: &str, value: &ParameterValue) -> RequestError {
+    let name = name.to_owned();
     match value.r#type {
-        ParameterValue::NOT_SET => format!("{name}: parameters of this node cannot be undeclared"),
-        other => format!("{name}: rcl_interfaces type {other} is not used by any parameter of this node"),
+        ParameterValue::NOT_SET => RequestError::Undeclare { name },
+        kind => RequestError::UnusedType { name, kind },
     }
 }
 
@@ -280,7 +287,7 @@ mod tests {
         let long = "x".repeat(3 << 20);
         assert_eq!(within_length("model", &long[..LONGEST]), Ok(()));
         let said = within_length("model", &long).expect_err("too long");
-        assert_eq!(said, "model has 3145728 bytes; texts have at most 4096");
+        assert_eq!(said.to_string(), "model has 3145728 bytes; texts have at most 4096");
         // It is not compared with all names to find the nearest (which would take minutes), nor sent back whole.
         let described = describe(&[long], &Overrides::default());
         assert_eq!((described.len(), described[0].name.len()), (1, LONGEST));

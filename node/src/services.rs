@@ -138,7 +138,7 @@ impl Manager {
 
     fn answer(&self, request: &ChangeStateRequest) -> ChangeStateResponse {
         let changed = Transition::requested(&request.transition)
-            .map_err(NodeError::Failed)
+            .map_err(NodeError::from)
             .and_then(|transition| self.change(transition));
         if let Err(error) = &changed {
             tracing::warn!("change_state refused: {error}");
@@ -156,7 +156,7 @@ impl NodeServices<'_> {
         let of = changes.clone();
         self.0.offer::<LoadModel>("load_model", move |request| {
             let done = of.load_model(&request.model);
-            LoadModelResponse { success: done.is_ok(), message: done.unwrap_or_else(|why| why) }
+            LoadModelResponse { success: done.is_ok(), message: done.unwrap_or_else(|why| why.to_string()) }
         })?;
         let changing = Arc::clone(control);
         self.0.offer::<Reset>("reset", move |_| {
@@ -166,7 +166,8 @@ impl NodeServices<'_> {
         })?;
         self.0.offer::<SetMode>("set_mode", move |request| {
             let done = changes.answer_mode(&request);
-            SetModeResponse { success: done.is_ok(), message: done.err().unwrap_or_default() }
+            let message = done.as_ref().map_or_else(ToString::to_string, |()| String::new());
+            SetModeResponse { success: done.is_ok(), message }
         })
     }
 

@@ -15,20 +15,34 @@ pub fn describe(request: &GetTypeDescriptionRequest) -> GetTypeDescriptionRespon
             type_sources: if request.include_type_sources { sources(descriptor) } else { Vec::new() },
             ..GetTypeDescriptionResponse::default()
         },
-        Err(failure_reason) => GetTypeDescriptionResponse { failure_reason, ..Default::default() },
+        Err(error) => GetTypeDescriptionResponse { failure_reason: error.to_string(), ..Default::default() },
     }
 }
 
-fn found(request: &GetTypeDescriptionRequest) -> Result<(&'static Descriptor, TypeDescription), String> {
+/// Reasons why a type is not described.
+#[derive(Debug, thiserror::Error)]
+enum DescribeError {
+    #[error("this node uses no message type {name}")]
+    UnknownType { name: String },
+    #[error("{name} is {own} here, not {requested}; build both with the same interface package")]
+    OtherHash { name: String, own: &'static str, requested: String },
+    #[error(transparent)]
+    Definition(#[from] mr_damper_msgs::msgdef::DefinitionError),
+}
+
+fn found(
+    request: &GetTypeDescriptionRequest,
+) -> Result<(&'static Descriptor, TypeDescription), DescribeError> {
     let GetTypeDescriptionRequest { type_name, type_hash, .. } = request;
     let descriptor = MESSAGES
         .iter()
         .find(|descriptor| descriptor.type_name == type_name)
-        .ok_or_else(|| format!("this node uses no message type {type_name}"))?;
+        .ok_or_else(|| DescribeError::UnknownType { name: type_name.clone() })?;
     if !type_hash.is_empty() && type_hash != descriptor.type_hash {
-        return Err(format!("{type_name} is {} here, not {type_hash}", descriptor.type_hash));
+        let (name, requested) = (type_name.clone(), type_hash.clone());
+        return Err(DescribeError::OtherHash { name, own: descriptor.type_hash, requested });
     }
-    let described = rihs01::describe(type_name, descriptor.definition).map_err(|error| error.to_string())?;
+    let described = rihs01::describe(type_name, descriptor.definition)?;
     Ok((descriptor, described))
 }
 

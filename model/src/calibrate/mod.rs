@@ -2,7 +2,7 @@
 
 mod rows;
 
-use crate::error::Error;
+use crate::error::{CalibrationError, Error};
 use crate::model::{Envelope, Model};
 use crate::sample::Run;
 use crate::statistics::autocorrelation::{Cutoff, integrated_time};
@@ -32,7 +32,7 @@ const _: () = assert!(COAST_S * (1.0 + ABOUT) < AWAY_S && AGES_S[4] * (1.0 + ABO
 /// will be used on. See [`crate::uncertainty`].
 ///
 /// # Errors
-/// [`Error::Data`] if there are too few runs or too few rows, with what to do; the errors of
+/// [`CalibrationError`] if there are too few runs or too few rows; the errors of
 /// [`evaluate`](crate::evaluate::evaluate) if a run lacks a channel that the model needs.
 pub fn calibrate(model: &Model, held_out: &[Run]) -> Result<Uncertainty, Error> {
     let mut calibrator = Calibrator::new(*model);
@@ -73,7 +73,7 @@ impl Calibrator {
     /// [`Uncertainty::covers`].
     ///
     /// # Errors
-    /// [`Error::Data`] if there is too little data for every predictor.
+    /// [`CalibrationError`] if there is too little data for every predictor.
     pub fn finish(&self) -> Result<Uncertainty, Error> {
         let has_drive = self.model.force.drive().is_some();
         let free_run = bands(&self.free_run, self.runs, has_drive, "in simulation");
@@ -95,28 +95,23 @@ impl Calibrator {
     }
 }
 
-fn too_little(what: &str) -> Error {
-    let message = format!(
-        "held-out runs are too few to calibrate the uncertainty: {what}; hold out at least {RUNS} runs, or longer ones, similar to the runs \
-         that the model will meet"
-    );
-    Error::Data { message }
-}
-
 /// Calibration table of one predictor.
-fn bands(rows: &Rows, runs: usize, has_drive: bool, predictor: &str) -> Result<Bands, Error> {
+fn bands(rows: &Rows, runs: usize, has_drive: bool, predictor: &'static str) -> Result<Bands, Error> {
     if runs < RUNS {
-        return Err(too_little(&format!("{runs} of {RUNS}")));
+        return Err(CalibrationError::TooFewRuns { runs, needed: RUNS }.into());
     }
     let effective = effective_shares(&rows.base, runs);
     let in_all: f64 = rows.base.iter().map(|row| effective[row.run]).sum();
     if in_all < EFFECTIVE || !spans(&rows.base) {
-        let what = format!(
-            "{predictor}: the {} residuals of {runs} held-out runs are equivalent to {in_all:.0} independent ones of the \
-             {EFFECTIVE} that are needed, or they come from fewer than {RUNS} of the runs",
-            rows.base.len()
-        );
-        return Err(too_little(&what));
+        return Err(CalibrationError::TooFewResiduals {
+            predictor,
+            runs,
+            residuals: rows.base.len(),
+            independent: in_all,
+            needed: EFFECTIVE,
+            needed_runs: RUNS,
+        }
+        .into());
     }
     let groups = Groups::new(&rows.base, &effective, has_drive);
     let level = level(&groups.strata(), runs);

@@ -30,7 +30,7 @@ mod summary;
 pub use rank::{BoxPlot, kendall_tau};
 pub use summary::{Class, Row, Summary};
 
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::identify::{self, Dataset, ModelSpec, Options, PhaseOptions, Scores, Watch};
 use crate::metrics::Fit;
 use crate::model::Model;
@@ -183,7 +183,7 @@ pub fn run(
     }
     let training = experiment.training_runs();
     let found = match training.as_ref() {
-        [] => Err(Error::Data { message: format!("experiment {}: has no training runs", experiment.name) }),
+        [] => Err(IdentifyError::ExperimentWithoutTraining { experiment: experiment.name.clone() }.into()),
         runs => identify::identify_datasets(cell.spec, runs, options, watch),
     };
     let found = match found {

@@ -2,7 +2,7 @@
 
 use super::{Runs, Settings};
 use crate::effect::MAX_EFFECTS;
-use crate::error::Error;
+use crate::error::{DiagnosisError, Error};
 use crate::identify::{Dataset, check_runs};
 use crate::model::Model;
 
@@ -16,16 +16,10 @@ pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<()
         (1.0..=MAX_EFFECTS as f64).contains(&n)
     })?;
     if runs.estimate.is_empty() {
-        return Err(Error::Data {
-            message: "no training runs (--estimate) were given: give the runs to find effects on".to_owned(),
-        });
+        return Err(DiagnosisError::NoTrainingRuns.into());
     }
     if runs.confirm.is_empty() {
-        return Err(Error::Data {
-            message: "no validation run (--confirm) was given: an effect is accepted only if it helps on another run; give at least one \
-                      that was recorded separately from the training runs"
-                .to_owned(),
-        });
+        return Err(DiagnosisError::NoValidationRun.into());
     }
     let by_role = [
         ("estimate", runs.estimate),
@@ -37,30 +31,18 @@ pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<()
         by_role.iter().flat_map(|(role, runs)| runs.iter().map(move |run| (*role, run))).collect();
     for (index, (role, run)) in all.iter().enumerate() {
         if let Some((before, twin)) = all[..index].iter().find(|(_, other)| same_content(run, other)) {
-            return Err(Error::Data {
-                message: format!(
-                    "the {role} run {} and the {before} run {} contain the same data, but a run may serve one purpose only: remove one \
-                     of them",
-                    run.name, twin.name
-                ),
-            });
+            return Err(DiagnosisError::SameRun {
+                roles: [role, before],
+                runs: [run.name.clone(), twin.name.clone()],
+            }
+            .into());
         }
         check_runs(&base.augmented(), run)?;
         if run.conditioning != base.conditioning {
-            return Err(Error::Data {
-                message: format!(
-                    "run {}: it is not conditioned as the base model is; use the model's conditioning",
-                    run.name
-                ),
-            });
+            return Err(DiagnosisError::OtherConditioning { run: run.name.clone() }.into());
         }
         if run.counted() == 0 {
-            return Err(Error::Data {
-                message: format!(
-                    "{role} run {}: no sample can be used, because the damper never moves or no force was recorded; give another run",
-                    run.name
-                ),
-            });
+            return Err(DiagnosisError::NothingMoves { role, run: run.name.clone() }.into());
         }
     }
     Ok(())

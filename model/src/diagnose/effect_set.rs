@@ -1,7 +1,7 @@
 //! The effects of the library that a diagnosis may name.
 
 use crate::effect::Effect;
-use crate::error::Error;
+use crate::error::{DiagnosisError, Error};
 
 /// Effects that may be named. An effect that is left out does not enter the correction for multiple tests; it is listed as untestable,
 /// never as absent.
@@ -18,14 +18,15 @@ impl EffectSet {
     /// The effects with these ids, in all their forms.
     ///
     /// # Errors
-    /// [`Error::Data`] if an id is not in the library, or if `ids` is empty.
+    /// [`DiagnosisError::UnknownEffect`]; [`DiagnosisError::NoEffect`] if `ids` is empty.
     pub fn only<S: AsRef<str>>(ids: &[S]) -> Result<Self, Error> {
         let known = Effect::ids();
         let wrong = ids.iter().map(AsRef::as_ref).find(|id| !known.contains(id));
-        if let Some(id) = wrong.or(ids.is_empty().then_some("")) {
-            return Err(Error::Data {
-                message: format!("unknown effect \"{id}\"; the known effects are {}", known.join(", ")),
-            });
+        if ids.is_empty() {
+            return Err(DiagnosisError::NoEffect { known }.into());
+        }
+        if let Some(id) = wrong {
+            return Err(DiagnosisError::UnknownEffect { id: id.to_owned(), known }.into());
         }
         Ok(Self { included: Effect::ALL.map(|effect| ids.iter().any(|id| id.as_ref() == effect.id())) })
     }

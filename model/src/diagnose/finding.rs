@@ -1,5 +1,6 @@
 //! The types of a diagnosis result.
 
+use super::refusal::{BaseFault, Refusal};
 use crate::effect::{Effect, EffectModel};
 use crate::metrics::Fit;
 use crate::model::Model;
@@ -139,8 +140,8 @@ pub struct NamedEffect {
 pub struct RefusedEffect {
     /// The effect.
     pub effect: Effect,
-    /// The reason, as a clause that can follow a colon.
-    pub why: String,
+    /// The reason.
+    pub why: Refusal,
 }
 
 /// The score of one effect in one round.
@@ -233,7 +234,7 @@ pub struct DiagnosisResult {
     /// The verdict.
     pub verdict: Verdict,
     /// Why the base is inadequate; `Some` only with the verdict [`Verdict::BaseInadequate`].
-    pub base_fault: Option<String>,
+    pub base_fault: Option<BaseFault>,
     /// The error that no model can remove.
     pub noise_floor: NoiseFloor,
     /// Effects that were named, in order of application.

@@ -27,7 +27,7 @@ use super::finding::{FloorSource, NoiseFloor};
 use super::rows::{Rows, dot};
 use crate::condition::{ApplyTo, Conditioning, LowPassState, MotionState};
 use crate::effect::Augmented;
-use crate::error::Error;
+use crate::error::{DiagnosisError, Error};
 use crate::identify::{Dataset, Row};
 use crate::sample::Stamp;
 use rand::{RngExt, SeedableRng};
@@ -50,7 +50,7 @@ const RESPONSE: usize = 4096;
 /// The noise floor of `rows` for `model`. Replicates take precedence over a declared value, and that over an estimate.
 ///
 /// # Errors
-/// [`Error::Data`] for replicates that do not match; [`Error::OutOfRange`] for a declared value that is not positive.
+/// [`Error::Diagnosis`] for replicates that do not match; [`Error::OutOfRange`] for a declared value that is not positive.
 pub(super) fn noise_floor(
     rows: &Rows,
     model: &Augmented,
@@ -85,12 +85,7 @@ pub(super) fn noise_floor(
 fn of_replicates(replicates: &[Dataset]) -> Result<f64, Error> {
     let [first, others @ ..] = replicates else { return Ok(0.0) };
     if others.is_empty() {
-        return Err(Error::Data {
-            message: format!(
-                "run {}: one run alone is not a set of replicates; give at least two runs of one pattern",
-                first.name
-            ),
-        });
+        return Err(DiagnosisError::OneReplicate { run: first.name.clone() }.into());
     }
     let aligned: Vec<Vec<Option<f64>>> =
         others.iter().map(|other| forces_at(first, other)).collect::<Result<_, _>>()?;
@@ -103,9 +98,7 @@ fn of_replicates(replicates: &[Dataset]) -> Result<f64, Error> {
     let common: Vec<Vec<f64>> =
         (0..first.rows.len()).filter(|&k| first.rows[k].counts).filter_map(forces).collect();
     if common.is_empty() {
-        return Err(Error::Data {
-            message: format!("run {}: it has no row in common with its replicates", first.name),
-        });
+        return Err(DiagnosisError::NoCommonRow { run: first.name.clone() }.into());
     }
     let (rows, runs) = (common.len() as f64, replicates.len() as f64);
     let means: Vec<f64> =
@@ -121,7 +114,7 @@ fn of_replicates(replicates: &[Dataset]) -> Result<f64, Error> {
 /// Force of `other` at the rows of `like`, matched by time since the first row; `None` where `other` has no force.
 ///
 /// # Errors
-/// [`Error::Data`] if the displacements of the two runs differ.
+/// [`DiagnosisError::DifferentMotion`].
 pub(super) fn forces_at(like: &Dataset, other: &Dataset) -> Result<Vec<Option<f64>>, Error> {
     let start = |d: &Dataset| d.rows.first().map_or(Stamp::default(), |row| row.stamp);
     let (ours, theirs) = (start(like), start(other));
@@ -143,19 +136,18 @@ pub(super) fn forces_at(like: &Dataset, other: &Dataset) -> Result<Vec<Option<f6
         forces.push(met.map(|met| met.force_n).filter(|force| force.is_finite()));
     }
     if rows == 0 || apart > ALIKE * ALIKE * spread {
-        return Err(Error::Data {
-            message: format!(
-                "the displacements of runs {} and {} differ by more than 10 %: give runs of one pattern, with the same excitation \
-                 from the first sample on",
-                like.name, other.name
-            ),
-        });
+        return Err(DiagnosisError::DifferentMotion {
+            runs: [like.name.clone(), other.name.clone()],
+            difference: (apart / spread).sqrt(),
+            most: ALIKE,
+        }
+        .into());
     }
     Ok(forces)
 }
 
 /// Largest difference between the displacements of runs of one pattern, root mean square, as a share of the displacement.
-const ALIKE: f64 = 0.1;
+pub(super) const ALIKE: f64 = 0.1;
 
 /// Mean squared change of the simulation of `model` when noise of the size that the inputs already have is added to them, N².
 fn of_inputs(rows: &Rows, model: &Augmented, seed: u64) -> f64 {

@@ -36,6 +36,7 @@ mod interval;
 mod joint;
 mod paired;
 mod procedure;
+mod refusal;
 mod round;
 mod rows;
 mod score;
@@ -43,6 +44,7 @@ mod space;
 mod test_runs;
 mod variants;
 
+pub use crate::error::DiagnosisError;
 pub use crate::statistics::error_ratio::NoInterval;
 pub use effect_set::EffectSet;
 pub use finding::{
@@ -50,6 +52,7 @@ pub use finding::{
     NoiseFloor, RefusedEffect, RemainingError, RunErrors, TestResult, Verdict,
 };
 pub use paired::reference_force_n;
+pub use refusal::{BaseFault, Refusal};
 
 use crate::error::Error;
 use crate::identify::{Dataset, Watch};
@@ -138,8 +141,9 @@ pub enum Stage {
 /// `stage` is called at the start of each stage.
 ///
 /// # Errors
-/// - [`Error::Data`] if runs are missing, too short for the blocks, given twice, or conditioned unlike the base;
+/// - [`Error::Diagnosis`] if runs are missing, too short for the blocks, given twice, or conditioned unlike the base;
 ///   in paired mode if a run has no reference; in absolute mode if the base has no parameters to project off.
+/// - [`Error::Identify`] if force or displacement never varies in the training runs.
 /// - [`Error::MissingChannel`] or [`Error::WrongDrive`] if the base cannot be simulated on a run.
 /// - [`Error::OutOfRange`] for a setting out of range.
 /// - [`Error::Cancelled`] if `watch` cancels the work.

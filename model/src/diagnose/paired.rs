@@ -7,10 +7,10 @@
 //! The base's own errors are the same in run and reference and cancel in the difference. In this form all further steps are
 //! the same as in absolute mode, with no base coefficients to project off. The noise counts twice, once for each run.
 
-use super::floor::forces_at;
+use super::floor::{ALIKE, forces_at};
 use super::rows::Rows;
 use crate::effect::Augmented;
-use crate::error::Error;
+use crate::error::{DiagnosisError, Error};
 use crate::identify::Dataset;
 
 /// Force of the matching reference at each row of `run`, N; `None` at rows where it has no force. The match is the first of
@@ -24,7 +24,7 @@ pub fn reference_force_n(run: &Dataset, references: &[Dataset]) -> Option<Vec<Op
 /// The rows of `datasets` with the force to explain of paired mode. Each run's reference is the one that [`reference_force_n`] finds.
 ///
 /// # Errors
-/// [`Error::Data`] if the simulation of `base` is not finite, or if a run has no matching reference.
+/// [`DiagnosisError::BaseDivergesPaired`]; [`DiagnosisError::NoReference`].
 pub(super) fn rows<'a>(
     datasets: &'a [Dataset],
     references: &[Dataset],
@@ -33,20 +33,12 @@ pub(super) fn rows<'a>(
 ) -> Result<Rows<'a>, Error> {
     let rows = Rows::new(datasets, most);
     let Some(predicted_n) = rows.predict(base) else {
-        return Err(Error::Data {
-            message: "the simulation of the base model does not stay finite on these runs".to_owned(),
-        });
+        return Err(DiagnosisError::BaseDivergesPaired.into());
     };
     let mut force_n = Vec::with_capacity(rows.len());
     for run in rows.runs() {
         let Some(reference) = reference_force_n(run.dataset, references) else {
-            return Err(Error::Data {
-                message: format!(
-                    "run {}: no reference run has the same excitation (displacement within 10 %, from the first sample on); \
-                     give a healthy run with the same motion and current for each run, or omit --reference",
-                    run.dataset.name
-                ),
-            });
+            return Err(DiagnosisError::NoReference { run: run.dataset.name.clone(), most: ALIKE }.into());
         };
         for (&k, at) in run.indices.iter().zip(run.range.clone()) {
             // A row without a reference force carries no information: its difference is zero.

@@ -6,12 +6,13 @@ use super::finding::{
 };
 use super::interval::Contents;
 use super::joint::{Fitted, Joint};
+use super::refusal::{BaseFault, Refusal};
 use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round};
 use super::rows::Rows;
 use super::space::{with_effect, without_effect};
 use super::{Runs, Settings, Stage, alternative, correlation, floor, paired, score, test_runs};
 use crate::effect::{Augmented, Effect, EffectModel};
-use crate::error::Error;
+use crate::error::{DiagnosisError, Error};
 use crate::identify::{Dataset, Scales, Watch};
 use crate::model::Model;
 use rayon::prelude::*;
@@ -27,7 +28,7 @@ const INADEQUATE: f64 = 0.5;
 const HALF: f64 = 0.5;
 /// Least share of the base's reducible error that an effect must remove. If less than this remains, no further effect is searched
 /// for: the base's own misfit around a large effect is of this size.
-const NEXT_TO_NOTHING: f64 = 0.001;
+pub(super) const NEXT_TO_NOTHING: f64 = 0.001;
 /// An estimated noise floor whose square is this many times the mean square of a model's residual is wrong: the residual contains
 /// the noise.
 const CONTRADICTED: f64 = 1.2;
@@ -62,7 +63,7 @@ struct RoundResults {
     /// p and class of each effect that was named, by its id.
     named: HashMap<&'static str, (f64, Vec<&'static str>)>,
     /// Why the base is inadequate; `None` if it is adequate.
-    base_fault: Option<String>,
+    base_fault: Option<BaseFault>,
     candidates: Vec<super::Candidate>,
     refused: Vec<RefusedEffect>,
     untestable: Vec<RefusedEffect>,
@@ -139,11 +140,7 @@ impl<'a> Procedure<'a> {
     pub(super) fn run(&self, stage: &dyn Fn(Stage)) -> Result<DiagnosisResult, Error> {
         stage(Stage::Base);
         let Some(base) = self.joint().refit(&self.base.augmented(), FINAL)? else {
-            return Err(Error::Data {
-                message:
-                    "the simulation of the base model does not stay finite on the training runs: identify it on them first"
-                        .to_owned(),
-            });
+            return Err(DiagnosisError::BaseDiverges.into());
         };
         let base_floor = self.noise_floor(&base)?;
         let noise = (base_floor.rsse_n * base_floor.rsse_n * self.estimate.len() as f64).min(base.squares);
@@ -168,6 +165,7 @@ impl<'a> Procedure<'a> {
         }
         if let Some(why) = &results.base_fault {
             let withdrawn = self.findings(&pair.found.model).map(|effect| effect.effect());
+            let why = Refusal::BaseInadequate(why.clone());
             results.refused.extend(withdrawn.map(|effect| RefusedEffect { effect, why: why.clone() }));
             (pair, floor) = (pair.base_alone(), base_floor);
         }
@@ -227,7 +225,7 @@ impl<'a> Procedure<'a> {
     }
 
     /// Why the base is inadequate; `None` if it is adequate.
-    fn inadequate(&self, pair: &Pair, noise_n: f64, fits: &[Fitted]) -> Result<Option<String>, Error> {
+    fn inadequate(&self, pair: &Pair, noise_n: f64, fits: &[Fitted]) -> Result<Option<BaseFault>, Error> {
         if self.mode == DiagnosisMode::Paired || alternative::is_one(self.base) {
             return Ok(None);
         }
@@ -249,19 +247,14 @@ impl<'a> Procedure<'a> {
             || self.with_one(pair, fits),
         );
         let (Some(alternative), one) = (alternative?, one?) else { return Ok(None) };
-        let own = self.base.force.name();
         let (named, one) = (one.is_some(), one.unwrap_or(after));
         let bound = if named { after.max(one) } else { before - HALF * (before - noise).max(0.0) };
-        Ok((alternative.squares < bound).then(|| {
-            format!(
-                "the base is inadequate: on the validation runs, {} without any effect has {:.1} % of the squared error of {own}; \
-                 {own} with one effect has {:.1} %, with all effects found {:.1} %; use {} as base",
-                alternative.name,
-                100.0 * alternative.squares / before,
-                100.0 * one / before,
-                100.0 * after / before,
-                alternative.name
-            )
+        Ok((alternative.squares < bound).then(|| BaseFault {
+            base: self.base.force.name(),
+            alternative: alternative.name,
+            alternative_share: alternative.squares / before,
+            one_effect_share: one / before,
+            all_effects_share: after / before,
         }))
     }
 
@@ -309,10 +302,7 @@ impl<'a> Procedure<'a> {
             let Some(without) = results.without.swap_remove(index) else { break };
             results.fits.push(without.clone());
             let effect = current.model.effects().as_slice()[index].effect();
-            results.refused.push(RefusedEffect {
-                effect,
-                why: "not needed: effects named after it explain the same error".to_owned(),
-            });
+            results.refused.push(RefusedEffect { effect, why: Refusal::NotNeeded });
             results.named.remove(effect.id());
             current = without;
         }

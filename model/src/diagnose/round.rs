@@ -7,6 +7,8 @@ use super::Settings;
 use super::finding::{Candidate, FoundParameter, RefusedEffect};
 use super::interval::{Contents, Intervals};
 use super::joint::{Fitted, Joint};
+use super::procedure::NEXT_TO_NOTHING;
+use super::refusal::Refusal;
 use super::rows::{Rows, dot};
 use super::score::{Score, Scores};
 use crate::effect::{Effect, EffectModel};
@@ -120,12 +122,11 @@ impl Round<'_> {
                     refused.extend(others.iter().filter(|r| !class.contains(&r.score.effect.id())).map(
                         |r| RefusedEffect {
                             effect: r.score.effect,
-                            why: format!(
-                                "removes {:.0} % of the reducible error, where {} removes {:.0} %",
-                                100.0 * r.drop / explainable,
-                                effect.title(),
-                                100.0 * best.drop / explainable
-                            ),
+                            why: Refusal::OtherRemovesMore {
+                                share: r.drop / explainable,
+                                other: effect.title(),
+                                other_share: best.drop / explainable,
+                            },
                         },
                     ));
                     passed = Some(Passed { effect, fitted, class, p_adjusted });
@@ -138,34 +139,24 @@ impl Round<'_> {
     }
 
     /// Fits `candidate` completely and checks it: the fitted model, or why it is rejected.
-    fn validate(&self, current: &Fitted, candidate: &Refitted) -> Result<Result<Fitted, String>, Error> {
+    fn validate(&self, current: &Fitted, candidate: &Refitted) -> Result<Result<Fitted, Refusal>, Error> {
         let ranked = candidate.drop / (current.squares - self.noise);
         if ranked.is_nan() || ranked < HOPELESS {
-            return Ok(Err(format!(
-                "removes {:.1} % of the reducible error; at least 10 % are required",
-                100.0 * ranked
-            )));
+            return Ok(Err(Refusal::TooSmall { share: ranked, needed: LEAST_SHARE }));
         }
         let Some(fitted) = self.joint.refit(&candidate.fitted.model, FINAL)? else {
-            return Ok(Err("the simulation with it is not finite".to_owned()));
+            return Ok(Err(Refusal::Diverges));
         };
         let share = (current.squares - fitted.squares) / (current.squares - self.noise);
         if share.is_nan() || share < LEAST_SHARE {
-            return Ok(Err(format!(
-                "removes {:.1} % of the reducible error; at least 10 % are required",
-                100.0 * share
-            )));
+            return Ok(Err(Refusal::TooSmall { share, needed: LEAST_SHARE }));
         }
         if current.squares - fitted.squares < self.least {
-            return Ok(Err(format!(
-                "removes {:.0} % of the reducible error, but under 0.1 % of the reducible error of the base alone: the base's own \
-                 misfit is of that size",
-                100.0 * share
-            )));
+            return Ok(Err(Refusal::WithinMisfit { share, needed_of_base: NEXT_TO_NOTHING }));
         }
         let effects = fitted.model.effects().as_slice();
         let Some(index) = effects.iter().position(|e| e.effect() == candidate.score.effect) else {
-            return Ok(Err("the simulation with it is not finite".to_owned()));
+            return Ok(Err(Refusal::Diverges));
         };
         for found in self.intervals(&fitted, Contents::Chance)?.of(index) {
             if let Some(why) = implausible(&effects[index], &found, &self.joint) {
@@ -184,11 +175,11 @@ impl Round<'_> {
         &self,
         before: &crate::effect::Augmented,
         after: &crate::effect::Augmented,
-    ) -> Result<f64, String> {
+    ) -> Result<f64, Refusal> {
         let (Some(before), Some(after)) =
             (Fitted::as_is(*before, self.confirm), Fitted::as_is(*after, self.confirm))
         else {
-            return Err("the simulation of a validation run diverges with it".to_owned());
+            return Err(Refusal::DivergesInValidation);
         };
         let saved = before.squares - after.squares;
         for run in self.confirm.runs() {
@@ -198,19 +189,13 @@ impl Round<'_> {
             };
             let (was, is) = (squares(&before), squares(&after));
             if is > (1.0 + WORSE) * was && is - was > MATTERS * saved {
-                return Err(format!(
-                    "validation run {} gets worse with it ({:+.1} % squared error)",
-                    run.dataset.name,
-                    100.0 * (is / was - 1.0)
-                ));
+                let run = run.dataset.name.clone();
+                return Err(Refusal::WorseInValidation { run, increase: is / was - 1.0 });
             }
         }
         let share = saved / before.squares;
         if share.is_nan() || share < LEAST_CONFIRMED {
-            return Err(format!(
-                "removes {:.1} % of the squared error on the validation runs; at least 2 % are required",
-                100.0 * share
-            ));
+            return Err(Refusal::TooSmallInValidation { share, needed: LEAST_CONFIRMED });
         }
         Ok(share)
     }
@@ -260,7 +245,7 @@ impl Round<'_> {
 }
 
 /// Why the value found for a parameter is not plausible; `None` if it is.
-fn implausible(effect: &EffectModel, found: &FoundParameter, joint: &Joint) -> Option<String> {
+fn implausible(effect: &EffectModel, found: &FoundParameter, joint: &Joint) -> Option<Refusal> {
     let parameter = effect.effect().parameters().iter().find(|p| p.name == found.name)?;
     let [low, high] = found.range;
     let margin = 1e-3 * (high - low);
@@ -270,15 +255,13 @@ fn implausible(effect: &EffectModel, found: &FoundParameter, joint: &Joint) -> O
         !parameter.is_shape() && (end - neutral).abs() > margin && (found.value - end).abs() <= margin
     };
     if ends(low) || ends(high) || found.value < low - margin || found.value > high + margin {
-        return Some(format!(
-            "{} is {:.4e}, at or beyond the end of its physical range of {low:.4e} to {high:.4e}",
-            found.name, found.value
-        ));
+        let (parameter, value, range) = (found.name, found.value, found.range);
+        return Some(Refusal::AtEndOfRange { parameter, value, range });
     }
     let [from, to] = found.ci95;
     let is_there = from > neutral || to < neutral;
     if !parameter.is_shape() && !is_there {
-        return Some(format!("the 95 % interval of {}, {from:.4e} to {to:.4e}, includes zero", found.name));
+        return Some(Refusal::IncludesZero { parameter: found.name, ci95: found.ci95 });
     }
     None
 }

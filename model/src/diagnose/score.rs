@@ -13,13 +13,17 @@ use super::blocks::Blocks;
 use super::derivative_span::DerivativeSpan;
 use super::finding::RefusedEffect;
 use super::joint::{Fitted, Joint, Nearby};
+use super::refusal::Refusal;
 use super::rows::{Rows, dot};
 use super::space::with_effect;
 use crate::effect::{Augmented, Effect, EffectModel, Parameter};
-use crate::error::Error;
+use crate::error::{DiagnosisError, Error};
 use crate::statistics::block_sums::{least_p, p_value};
 use rayon::prelude::*;
 
+/// Least change of the force by the probe of an effect, root mean square, as a share of the force's scale; below it the runs do not excite
+/// the effect.
+const LEAST_CHANGE: f64 = 1e-9;
 /// Least share of a score that must remain after projection; below it the base can absorb the whole effect.
 const LEAST_IDENTIFIABLE: f64 = 0.01;
 /// Share of a score that remains after projection, from which the first fit may use the known derivatives.
@@ -78,7 +82,7 @@ pub(super) fn scores(
     };
     let found: Vec<Result<Score, RefusedEffect>> = effects.par_iter().map(one).collect::<Result<_, _>>()?;
     let mut scores = Vec::new();
-    let excluded = |effect| RefusedEffect { effect, why: "excluded by the settings".to_owned() };
+    let excluded = |effect| RefusedEffect { effect, why: Refusal::Excluded };
     let mut untestable: Vec<RefusedEffect> = left_out.into_iter().map(excluded).collect();
     for result in found {
         match result {
@@ -91,11 +95,7 @@ pub(super) fn scores(
         scores.into_iter().partition(|score| least_p(score.sums.len()) <= settings.significance);
     untestable.extend(silent.into_iter().map(|score| RefusedEffect {
         effect: score.effect,
-        why: format!(
-            "its change of the force is correlated over so long a time that the training runs have only {} independent blocks, too few \
-             to tell it from chance; give longer runs",
-            score.sums.len()
-        ),
+        why: Refusal::TooFewBlocks { blocks: score.sums.len() },
     }));
     Ok(Scores { able, untestable, span })
 }
@@ -179,10 +179,10 @@ fn score(
     effect: Effect,
     settings: &Settings,
 ) -> Result<Score, RefusedEffect> {
-    let refused = |why: String| RefusedEffect { effect, why };
+    let refused = |why| RefusedEffect { effect, why };
     for need in effect.needs() {
         if let Some(run) = joint.rows.lacking(*need).or_else(|| confirm.lacking(*need)) {
-            return Err(refused(format!("run {run} has no {}, which the test needs", need.name())));
+            return Err(refused(Refusal::MissingChannel { run: run.to_owned(), channel: need.name() }));
         }
     }
     // If an effect has a shape parameter, the test uses the shape's neutral value, and the refit starts from the best of several shapes.
@@ -201,7 +201,7 @@ fn score(
 }
 
 /// The score of `effect` with its shape parameter, if it has one, held at `shape` times the data's scale. The error is the
-/// reason if it cannot be computed.
+/// reason why it cannot be computed.
 fn held_score(
     joint: &Joint,
     fitted: &Fitted,
@@ -209,28 +209,29 @@ fn held_score(
     effect: Effect,
     shape: f64,
     settings: &Settings,
-) -> Result<Score, String> {
+) -> Result<Score, Refusal> {
     let parameter = &effect.parameters()[0];
     let size = joint.scales.size(parameter.scale);
     let (neutral, step) = (parameter.neutral * size, parameter.probe * size);
-    let probed = with_amount(joint, fitted, effect, neutral + step, shape).map_err(|e| e.to_string())?;
+    let probed = with_amount(joint, fitted, effect, neutral + step, shape)
+        .map_err(|error| Refusal::Invalid { error: Box::new(error) })?;
     let there = joint.rows.predict(&probed);
-    let Some(mut own) = there else { return Err("its simulation on these runs is not finite".to_owned()) };
+    let Some(mut own) = there else { return Err(Refusal::Diverges) };
     own.iter_mut().zip(&fitted.predicted_n).for_each(|(there, here)| *there = (*there - here) / step);
     joint.rows.centre(&mut own);
     let change_n = step.abs() * (dot(&own, &own) / own.len().max(1) as f64).sqrt();
-    let force_n = joint.scales.force_n;
-    if change_n < 1e-9 * force_n {
-        return Err(format!("these runs do not excite it; needed: {}", effect.separated_by()));
+    let needed_n = LEAST_CHANGE * joint.scales.force_n;
+    if change_n < needed_n {
+        return Err(Refusal::NotExcited { change_n, needed_n, excitation: effect.separated_by() });
     }
     let whole = own.clone();
     let identifiable = span.take_out(&mut own);
     if identifiable < LEAST_IDENTIFIABLE {
-        return Err(format!(
-            "on these runs other coefficients of the model can produce the same force ({:.1} % of the score is left); needed: {}",
-            100.0 * identifiable,
-            effect.separated_by()
-        ));
+        return Err(Refusal::NotIdentifiable {
+            identifiable,
+            needed: LEAST_IDENTIFIABLE,
+            excitation: effect.separated_by(),
+        });
     }
     let power = dot(&own, &own);
     let regressed = dot(&own, &fitted.residual_n) / power;
@@ -256,12 +257,11 @@ pub(super) fn check_length(rows: &Rows, settings: &Settings) -> Result<(), Error
     if found >= needed {
         return Ok(());
     }
-    Err(Error::Data {
-        message: format!(
-            "the training runs have {found} blocks of {} s in which the damper moves, but {needed} are needed to tell an effect from \
-             chance: give at least {:.0} s of motion, in one run or several (30 s are a good start)",
-            settings.training_block_s(),
-            needed as f64 * settings.training_block_s()
-        ),
-    })
+    Err(DiagnosisError::TooShort {
+        blocks: found,
+        needed_blocks: needed,
+        block_s: settings.training_block_s(),
+        needed_s: needed as f64 * settings.training_block_s(),
+    }
+    .into())
 }

@@ -8,7 +8,7 @@
 //! every base and every effect, through filters and internal states, and cost one simulation for each number.
 
 use crate::effect::{Augmented, Effect, EffectModel, Effects};
-use crate::error::Error;
+use crate::error::{DiagnosisError, Error};
 use crate::force::law::Kind;
 use crate::force::{Dependence, ForceModel, FuzzyTanh, LawModel, TanhFunction};
 use crate::identify::Scales;
@@ -51,7 +51,7 @@ impl Space {
     /// The space around `model`, with the base's coefficients if `base_moves`.
     ///
     /// # Errors
-    /// [`Error::Data`] if `base_moves` is set and the base has no coefficients that can be refitted here.
+    /// [`DiagnosisError::BaseNotPhysical`] if `base_moves` is set and the base has no coefficients that can be refitted here.
     pub(super) fn new(model: &Augmented, scales: Scales, base_moves: bool) -> Result<Self, Error> {
         let coefficients = if base_moves { coefficients(model.force(), &scales)? } else { Vec::new() };
         Ok(Self { base: *model.force(), coefficients, effects: model.effects().as_slice().to_vec(), scales })
@@ -138,14 +138,7 @@ fn coefficients(base: &ForceModel, scales: &Scales) -> Result<Vec<Coefficient>, 
             Ok(fuzzy.functions().iter().flat_map(|f| of_tanh(f, scales)).collect())
         }
         ForceModel::Law(law) => Ok(of_law(law, scales)),
-        _ => Err(Error::Data {
-            message: format!(
-                "a diagnosis cannot start from the {} model, because its coefficients have no physical meaning to separate an effect \
-                 from: use fuzzy-tanh or a force law (sp, bouc-wen, kwok, li, cesmeci-engin, choi, arctan) as base, or give \
-                 reference runs with the same excitation",
-                base.name()
-            ),
-        }),
+        _ => Err(DiagnosisError::BaseNotPhysical { model: base.name() }.into()),
     }
 }
 

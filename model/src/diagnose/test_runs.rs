@@ -7,7 +7,7 @@ use super::finding::{RunErrors, TestResult};
 use super::joint::Fitted;
 use super::rows::Rows;
 use crate::effect::Augmented;
-use crate::error::Error;
+use crate::error::{DiagnosisError, Error};
 use crate::metrics::{ErrorSum, Fit};
 use crate::statistics::error_ratio::{ErrorRatio, Residuals, error_ratio};
 
@@ -54,13 +54,9 @@ pub(super) fn read(
 /// `model` on `rows`, without refitting.
 ///
 /// # Errors
-/// [`Error::Data`] if its simulation does not stay finite.
+/// [`DiagnosisError::ModelDiverges`].
 pub(super) fn fitted(rows: &Rows, model: &Augmented) -> Result<Fitted, Error> {
-    Fitted::as_is(*model, rows).ok_or_else(|| Error::Data {
-        message: "the simulation of the model does not stay finite on a validation or test run: check that every run is of the same \
-                  damper, in the same units"
-            .to_owned(),
-    })
+    Fitted::as_is(*model, rows).ok_or_else(|| DiagnosisError::ModelDiverges.into())
 }
 
 /// `before` and `after` on `rows`, without refitting; simulated once if they are the same model.

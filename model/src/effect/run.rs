@@ -5,7 +5,7 @@ use super::{Effect, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need, coil_lag, end_stop
 use super::{anti_alias_mismatch, asymmetry, deadzone, force_lag, friction, gas_spring, inertia};
 use super::{load_cell_drift, position_dependence, remanence, sensor_delay, series_spring};
 use super::{thermal_fade, velocity_saturation};
-use crate::error::Error;
+use crate::error::{Error, ForceError};
 use crate::force::{ForceModel, FreeRun, FuzzyTanhAlong, Inputs};
 
 /// An effect with its parameters, ready to run.
@@ -20,7 +20,7 @@ impl EffectModel {
     /// `effect` with `parameters`, in the order of [`Effect::parameters`].
     ///
     /// # Errors
-    /// [`Error::Length`] if the number of parameters is wrong; [`Error::Data`] with the parameter and its range if a value is not within
+    /// [`Error::Length`] if the number of parameters is wrong; [`ForceError::EffectParameter`] if a value is not within
     /// [`super::Parameter::allowed`].
     pub fn new(effect: Effect, parameters: &[f64]) -> Result<Self, Error> {
         let known = effect.parameters();
@@ -34,14 +34,13 @@ impl EffectModel {
         for (parameter, value) in known.iter().zip(parameters) {
             let [low, high] = parameter.allowed();
             if !(value.is_finite() && (low..=high).contains(value)) {
-                let range = match (low.is_finite(), high.is_finite()) {
-                    (true, true) => format!("{low} to {high}"),
-                    (true, false) => format!("finite and at least {low}"),
-                    _ => "finite".to_owned(),
-                };
-                let message =
-                    format!("effect {}: {} is {value}, but must be {range}", effect.title(), parameter.name);
-                return Err(Error::Data { message });
+                return Err(ForceError::EffectParameter {
+                    effect: effect.title(),
+                    parameter: parameter.name,
+                    value: *value,
+                    allowed: [low, high],
+                }
+                .into());
             }
         }
         let mut model = Self { effect, parameters: [0.0; MAX_EFFECT_PARAMETERS] };
@@ -294,17 +293,12 @@ impl Effects {
     /// Checks that the effects can be added to `force`.
     ///
     /// # Errors
-    /// [`Error::Data`] for an effect on the drive around a model without a drive.
+    /// [`ForceError::EffectWithoutDrive`].
     pub fn check(&self, force: &ForceModel) -> Result<(), Error> {
         match self.needing(Need::Drive) {
-            Some(effect) if force.drive().is_none() => Err(Error::Data {
-                message: format!(
-                    "effect {} acts on the drive, but the {} model has none: remove the effect, or use a model \
-                     that depends on the drive",
-                    effect.id(),
-                    force.name()
-                ),
-            }),
+            Some(effect) if force.drive().is_none() => {
+                Err(ForceError::EffectWithoutDrive { effect: effect.id(), model: force.name() }.into())
+            }
             _ => Ok(()),
         }
     }

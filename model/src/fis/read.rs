@@ -1,7 +1,7 @@
 //! Line-by-line parser of `.fis` text.
 
 use super::{Fis, FisInput, sets_of};
-use crate::error::Error;
+use crate::error::{Error, FisProblem, RuleProblem};
 use crate::force::{MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, TskSet};
 use std::collections::BTreeMap;
 
@@ -22,16 +22,22 @@ struct Rule {
     conclusion: usize,
 }
 
-fn error(line: usize, message: impl Into<String>) -> Error {
-    Error::Fis { line, message: message.into() }
+fn error(line: usize, problem: FisProblem) -> Error {
+    Error::Fis { line, problem }
+}
+
+fn wrong_value(line: usize, key: &str, value: &str, expected: &str) -> Error {
+    let (key, value, expected) = (key.to_owned(), value.to_owned(), expected.to_owned());
+    error(line, FisProblem::Value { key, value, expected })
 }
 
 pub(super) fn parse(text: &str) -> Result<Fis, Error> {
     let (sections, rule_lines) = split(text)?;
     let section = |name: &str| {
-        sections
-            .get(&name.to_lowercase())
-            .ok_or_else(|| error(text.lines().count().max(1), format!("section [{name}] is missing")))
+        sections.get(&name.to_lowercase()).ok_or_else(|| {
+            let section = name.to_owned();
+            error(text.lines().count().max(1), FisProblem::MissingSection { section })
+        })
     };
     let system = section("System")?;
     system.demand("Type", &["sugeno"])?;
@@ -48,12 +54,7 @@ pub(super) fn parse(text: &str) -> Result<Fis, Error> {
     let rules: usize = counts.iter().product();
     let (rule_line, declared) = system.integer("NumRules")?;
     if declared != rules {
-        return Err(error(
-            rule_line,
-            format!(
-                "NumRules is {declared}, but the memberships have {rules} combinations; a full grid is needed"
-            ),
-        ));
+        return Err(error(rule_line, FisProblem::RuleCount { found: declared, needed: rules }));
     }
     let chosen = read_rules(&rule_lines, &counts, functions.len())?;
     let conclusions = chosen.iter().flat_map(|conclusion| functions[*conclusion].clone()).collect();
@@ -65,13 +66,7 @@ pub(super) fn parse(text: &str) -> Result<Fis, Error> {
             || numbered("Input", input_count)
             || numbered("Output", 1))
         {
-            return Err(error(
-                known.line,
-                format!(
-                    "section [{}] does not belong to this system; remove it or correct NumInputs",
-                    known.name
-                ),
-            ));
+            return Err(error(known.line, FisProblem::ForeignSection { section: known.name.clone() }));
         }
     }
     Ok(Fis {
@@ -101,23 +96,24 @@ fn split(text: &str) -> Result<(BTreeMap<String, Section<'_>>, Vec<At<&str>>), E
             let key = name.to_lowercase();
             let section = Section { line, name: name.to_owned(), ..Section::default() };
             if key != "rules" && sections.insert(key.clone(), section).is_some() {
-                return Err(error(line, format!("section [{name}] appears twice")));
+                return Err(error(line, FisProblem::RepeatedSection { section: name.to_owned() }));
             }
             current = Some(key);
             continue;
         }
         match current.as_deref() {
-            None => return Err(error(line, "there is text before the first section; begin with [System]")),
+            None => return Err(error(line, FisProblem::BeforeFirstSection)),
             Some("rules") => rules.push((line, content)),
             Some(name) => {
                 let Some((key, value)) = content.split_once('=') else {
-                    return Err(error(line, format!("\"{content}\" is neither a section nor key=value")));
+                    return Err(error(line, FisProblem::NotAKey { text: content.to_owned() }));
                 };
                 let key = key.trim();
                 if let Some(section) = sections.get_mut(name)
                     && section.keys.insert(key.to_lowercase(), (line, value.trim())).is_some()
                 {
-                    return Err(error(line, format!("{key} appears twice in [{}]", section.name)));
+                    let (section, key) = (section.name.clone(), key.to_owned());
+                    return Err(error(line, FisProblem::RepeatedKey { section, key }));
                 }
             }
         }
@@ -142,7 +138,10 @@ fn without_comment(line: &str) -> &str {
 impl Section<'_> {
     fn value(&self, key: &str) -> Result<At<&str>, Error> {
         let found = self.keys.get(&key.to_lowercase());
-        found.copied().ok_or_else(|| error(self.line, format!("[{}] has no {key}", self.name)))
+        found.copied().ok_or_else(|| {
+            let (section, key) = (self.name.clone(), key.to_owned());
+            error(self.line, FisProblem::MissingKey { section, key })
+        })
     }
 
     fn text(&self, key: &str) -> Result<String, Error> {
@@ -157,13 +156,13 @@ impl Section<'_> {
         if needed.iter().any(|needed| value.eq_ignore_ascii_case(needed)) {
             return Ok(());
         }
-        Err(error(line, format!("{key} is '{value}', but must be '{}'", needed.join("' or '"))))
+        let (value, expected) = (format!("'{value}'"), format!("'{}'", needed.join("' or '")));
+        Err(error(line, FisProblem::Value { key: key.to_owned(), value, expected }))
     }
 
     fn integer(&self, key: &str) -> Result<At<usize>, Error> {
         let (line, value) = self.value(key)?;
-        let number =
-            value.parse().map_err(|_| error(line, format!("{key} is {value}, not a whole number")))?;
+        let number = value.parse().map_err(|_| wrong_value(line, key, value, "a whole number"))?;
         Ok((line, number))
     }
 
@@ -172,14 +171,15 @@ impl Section<'_> {
         if range.contains(&number) {
             return Ok(number);
         }
-        Err(error(line, format!("{key} is {number}, but must be {} to {}", range.start(), range.end())))
+        let expected = format!("{} to {}", range.start(), range.end());
+        Err(wrong_value(line, key, &number.to_string(), &expected))
     }
 
     fn range(&self) -> Result<[f64; 2], Error> {
         let (line, value) = self.value("Range")?;
         match numbers(line, value)?[..] {
             [low, high] if low < high => Ok([low, high]),
-            _ => Err(error(line, format!("Range is {value}, but must be two numbers, the lower first"))),
+            _ => Err(wrong_value(line, "Range", value, "two numbers, the lower first")),
         }
     }
 
@@ -189,8 +189,7 @@ impl Section<'_> {
         let function = |number: usize| {
             let (line, value) = self.value(&format!("MF{number}"))?;
             // 'name':'shape',[numbers]
-            let wrong =
-                || error(line, format!("MF{number} is {value}, but must be 'name':'shape',[numbers]"));
+            let wrong = || wrong_value(line, &format!("MF{number}"), value, "'name':'shape',[numbers]");
             let bracket = value.find('[').ok_or_else(wrong)?;
             let (head, list) = value.split_at(bracket);
             let head = head.trim_end().strip_suffix(',').ok_or_else(wrong)?;
@@ -200,7 +199,7 @@ impl Section<'_> {
         if let Some((key, (line, _))) = self.keys.iter().find(|(key, _)| {
             key.strip_prefix("mf").and_then(|n| n.parse().ok()).is_some_and(|n: usize| n > count)
         }) {
-            return Err(error(*line, format!("{} is beyond NumMFs = {count}", key.to_uppercase())));
+            return Err(error(*line, FisProblem::BeyondCount { key: key.to_uppercase(), count }));
         }
         (1..=count).map(function).collect()
     }
@@ -212,9 +211,13 @@ fn read_input(section: &Section) -> Result<FisInput, Error> {
         ("trimf", &[left, peak, right]) => Ok(TskSet::Triangle { left, peak, right }),
         ("gaussmf" | "trimf", _) => {
             let needed = if shape == "gaussmf" { "2 (sigma, centre)" } else { "3 (foot, peak, foot)" };
-            Err(error(line, format!("{shape} has {} numbers, but needs {needed}", numbers.len())))
+            let (found, needed) = (numbers.len(), needed.to_owned());
+            Err(error(line, FisProblem::NumberCount { shape, found, needed }))
         }
-        _ => Err(error(line, format!("membership '{shape}' is not known; known are gaussmf and trimf"))),
+        _ => {
+            let (of, known) = ("membership", "gaussmf and trimf");
+            Err(error(line, FisProblem::UnknownShape { of, shape, known }))
+        }
     };
     Ok(FisInput {
         name: section.text("Name")?,
@@ -230,21 +233,18 @@ fn read_output(section: &Section, inputs: usize) -> Result<(Order, Vec<Vec<f64>>
         "constant" => Order::Constant,
         "linear" => Order::First,
         other => {
-            let message = format!("conclusion '{other}' is not known; known are linear and constant");
-            return Err(error(functions[0].0, message));
+            let (of, shape, known) = ("conclusion", other.to_owned(), "linear and constant");
+            return Err(error(functions[0].0, FisProblem::UnknownShape { of, shape, known }));
         }
     };
     for (line, shape, numbers) in &functions {
         if *shape != functions[0].1 {
-            let message = format!(
-                "conclusion '{shape}' differs from the first, '{}'; use one form for all",
-                functions[0].1
-            );
-            return Err(error(*line, message));
+            let (form, first) = (shape.clone(), functions[0].1.clone());
+            return Err(error(*line, FisProblem::MixedConclusions { form, first }));
         }
         if numbers.len() != order.width(inputs) {
-            let message = format!("{shape} has {} numbers, but needs {}", numbers.len(), order.width(inputs));
-            return Err(error(*line, message));
+            let (found, needed) = (numbers.len(), order.width(inputs).to_string());
+            return Err(error(*line, FisProblem::NumberCount { shape: shape.clone(), found, needed }));
         }
     }
     Ok((order, functions.into_iter().map(|(_, _, numbers)| numbers).collect()))
@@ -256,7 +256,7 @@ fn read_rules(lines: &[At<&str>], counts: &[usize], functions: usize) -> Result<
     for (line, text) in lines {
         let rule = read_rule(*line, text, counts, functions)?;
         if found.insert(rule.sets, rule.conclusion).is_some() {
-            return Err(error(*line, "there is already a rule for these memberships"));
+            return Err(error(*line, FisProblem::RepeatedRule));
         }
     }
     let last = lines.last().map_or(1, |(line, _)| *line);
@@ -264,14 +264,7 @@ fn read_rules(lines: &[At<&str>], counts: &[usize], functions: usize) -> Result<
     let one = |rule: usize| {
         let sets = sets_of(rule, counts);
         found.get(&sets).copied().ok_or_else(|| {
-            let numbers: Vec<String> = sets.iter().map(|set| (set + 1).to_string()).collect();
-            error(
-                last,
-                format!(
-                    "the rule for the memberships {} is missing; a full grid is needed",
-                    numbers.join(" ")
-                ),
-            )
+            error(last, FisProblem::MissingRule { memberships: sets.iter().map(|set| set + 1).collect() })
         })
     };
     (0..rules).map(one).collect()
@@ -279,29 +272,24 @@ fn read_rules(lines: &[At<&str>], counts: &[usize], functions: usize) -> Result<
 
 /// A line such as `1 2 3, 6 (1) : 1`: sets, conclusion, weight, and connective (1 is "and").
 fn read_rule(line: usize, text: &str, counts: &[usize], functions: usize) -> Result<Rule, Error> {
-    let wrong = |what: &str| error(line, format!("rule \"{text}\": {what}"));
-    let (sets, rest) = text.split_once(',').ok_or_else(|| wrong("must be \"sets, conclusion (1) : 1\""))?;
-    let (conclusion, rest) = rest.split_once('(').ok_or_else(|| wrong("has no weight in parentheses"))?;
-    let (weight, connective) =
-        rest.split_once(')').ok_or_else(|| wrong("has no closing parenthesis after the weight"))?;
+    let wrong = |problem| error(line, FisProblem::Rule { rule: text.to_owned(), problem });
+    let (sets, rest) = text.split_once(',').ok_or_else(|| wrong(RuleProblem::Form))?;
+    let (conclusion, rest) = rest.split_once('(').ok_or_else(|| wrong(RuleProblem::NoWeight))?;
+    let (weight, connective) = rest.split_once(')').ok_or_else(|| wrong(RuleProblem::OpenParenthesis))?;
     if weight.trim().parse() != Ok(1.0) {
-        return Err(wrong("has a weight other than 1, which is not supported"));
+        return Err(wrong(RuleProblem::Weight));
     }
     let connective = connective.trim().strip_prefix(':').map(str::trim);
     if connective != Some("1") && counts.len() > 1 {
-        return Err(wrong("must end in \": 1\" (and)"));
+        return Err(wrong(RuleProblem::Connective));
     }
-    let index = |text: &str, most: usize, what: &str| match text.trim().parse::<usize>() {
+    let index = |text: &str, most: usize, of: &'static str| match text.trim().parse::<usize>() {
         Ok(number) if (1..=most).contains(&number) => Ok(number - 1),
-        _ => Err(wrong(&format!("{what} is \"{}\", but must be 1 to {most}", text.trim()))),
+        _ => Err(wrong(RuleProblem::Index { of, text: text.trim().to_owned(), most })),
     };
     let names: Vec<&str> = sets.split_whitespace().collect();
     if names.len() != counts.len() {
-        return Err(wrong(&format!(
-            "has {} memberships, but there are {} inputs",
-            names.len(),
-            counts.len()
-        )));
+        return Err(wrong(RuleProblem::MembershipCount { found: names.len(), inputs: counts.len() }));
     }
     let sets = names
         .iter()
@@ -316,11 +304,11 @@ fn unquoted(line: usize, value: &str) -> Result<&str, Error> {
     let inner = match value.chars().next() {
         Some(quote @ ('\'' | '"')) => value[1..]
             .strip_suffix(quote)
-            .ok_or_else(|| error(line, format!("{value} has no closing quote")))?,
+            .ok_or_else(|| error(line, FisProblem::OpenQuote { text: value.to_owned() }))?,
         _ => value,
     };
     if inner.contains(['\'', '"']) {
-        return Err(error(line, format!("{value} contains a quote")));
+        return Err(error(line, FisProblem::InnerQuote { text: value.to_owned() }));
     }
     Ok(inner)
 }
@@ -328,10 +316,10 @@ fn unquoted(line: usize, value: &str) -> Result<&str, Error> {
 /// A list such as `[1 2.5 -3e-2]`, separated by blanks or commas.
 fn numbers(line: usize, list: &str) -> Result<Vec<f64>, Error> {
     let inner = list.trim().strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
-    let inner = inner.ok_or_else(|| error(line, format!("{list} is not a list of numbers in brackets")))?;
+    let inner = inner.ok_or_else(|| error(line, FisProblem::NotAList { text: list.to_owned() }))?;
     let number = |text: &str| match text.parse::<f64>() {
         Ok(number) if number.is_finite() => Ok(number),
-        _ => Err(error(line, format!("\"{text}\" is not a finite number"))),
+        _ => Err(error(line, FisProblem::NotFinite { text: text.to_owned() })),
     };
     inner.split(|c: char| c == ',' || c.is_whitespace()).filter(|text| !text.is_empty()).map(number).collect()
 }

@@ -21,7 +21,7 @@ use super::arx::{Arx, LAGS};
 use super::dependence::Dependence;
 use super::history::{History, known};
 use super::sets::MAX_FUNCTIONS;
-use crate::error::Error;
+use crate::error::{Error, ForceError};
 use crate::units::Second;
 
 /// Number of regressors: lags of force, displacement and velocity.
@@ -55,9 +55,7 @@ impl Lpv {
     ) -> Result<Self, Error> {
         dependence.check()?;
         if dependence.drive().is_none() {
-            return Err(Error::Data {
-                message: "an lpv model needs a drive; without one, use the passive arx".to_owned(),
-            });
+            return Err(ForceError::LpvWithoutDrive.into());
         }
         let needed = LPV_REGRESSORS * dependence.copies();
         if coefficients.len() != needed {

@@ -57,7 +57,7 @@ pub struct ForceMotion {
 }
 
 /// A root of the relation's characteristic equation near rest.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Root {
     /// Real part, 1/s; positive for a growing solution.
     pub re_per_s: f64,
@@ -66,7 +66,7 @@ pub struct Root {
 }
 
 /// Why the relation cannot be integrated forward to predict force.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct CannotRun {
     /// Roots near rest at constant velocity; fewer than two if p3 is zero, none if p2 is zero as well.
     pub roots: [Option<Root>; 2],

@@ -31,7 +31,7 @@ pub use sets::{MAX_SETS, Shape, TskInput, TskSet};
 pub(crate) use sets::Firing;
 
 use super::Inputs;
-use crate::error::Error;
+use crate::error::{Error, ForceError};
 use crate::sample::DriveKind;
 
 /// Largest number of inputs.
@@ -409,9 +409,7 @@ fn check_structure(kind: TskKind, inputs: &[TskInput], order: Order) -> Result<(
     for (j, input) in inputs.iter().enumerate() {
         let again = |other: &TskInput| other.signal().name() == input.signal().name();
         if inputs[..j].iter().any(again) {
-            return Err(Error::Data {
-                message: format!("inputs[{j}] repeats {}; use each signal once", input.signal().name()),
-            });
+            return Err(ForceError::RepeatedInput { index: j, signal: input.signal().name() }.into());
         }
     }
     if kind == TskKind::Anfis {
@@ -422,11 +420,5 @@ fn check_structure(kind: TskKind, inputs: &[TskInput], order: Order) -> Result<(
     if found == kind.structure(drive_of(inputs)) && shaped && order == kind.order() {
         return Ok(());
     }
-    Err(Error::Data {
-        message: format!(
-            "the inputs, memberships and conclusions do not match {}; a grid of another structure must be \
-             called \"anfis\"",
-            kind.name()
-        ),
-    })
+    Err(ForceError::OtherStructure { name: kind.name() }.into())
 }

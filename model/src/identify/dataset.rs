@@ -5,7 +5,7 @@
 //! conditions: causal filters, the same delays, and a restart after each gap.
 
 use crate::condition::{ApplyTo, Conditioning, ForceAligner, Hold, LowPassState, MotionState};
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::Inputs;
 use crate::model::Envelope;
 use crate::sample::{DriveKind, Reading, Run, Stamp, Trace};
@@ -105,7 +105,7 @@ impl Dataset {
     ///
     /// # Errors
     /// [`Error::MissingChannel`] without force, or without velocity if the conditioning uses the measured
-    /// velocity; [`Error::OutOfRange`] for invalid settings; [`Error::Data`] if the run is too short, or if
+    /// velocity; [`Error::OutOfRange`] for invalid settings; [`Error::Identify`] if the run is too short, or if
     /// its rate is not a whole multiple of the requested rate.
     pub fn from_run(run: &Run, conditioning: &Conditioning, options: &DatasetOptions) -> Result<Self, Error> {
         conditioning.validate()?;
@@ -169,19 +169,18 @@ impl Dataset {
 /// Number of displacements of `run` for each row at `rate_hz`.
 fn stride(run: &Run, rate_hz: Option<f64>) -> Result<usize, Error> {
     let Some(recorded_hz) = run.displacement_m.mean_rate_hz() else {
-        return Err(Error::Data { message: format!("run {}: has fewer than two displacements", run.name) });
+        return Err(IdentifyError::NoRate { run: run.name.clone() }.into());
     };
     let Some(requested_hz) = rate_hz else { return Ok(1) };
     Error::check("rate_hz", requested_hz, "positive and finite", |r| r > 0.0)?;
     let multiple = (recorded_hz / requested_hz).round();
     if multiple < 1.0 || (recorded_hz / (multiple * requested_hz) - 1.0).abs() > RATE_TOLERANCE {
-        return Err(Error::Data {
-            message: format!(
-                "run {}: its rate is {recorded_hz:.6} Hz, not a whole multiple of {requested_hz} Hz; leave the run \
-                 out, or choose another rate",
-                run.name
-            ),
-        });
+        return Err(IdentifyError::NotAMultiple {
+            run: run.name.clone(),
+            rate_hz: recorded_hz,
+            requested_hz,
+        }
+        .into());
     }
     Ok(multiple as usize)
 }

@@ -9,7 +9,7 @@ use super::tsk::{TskOptions, fit_tsk};
 use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, network, tsk};
 use crate::condition::Conditioning;
 use crate::effect::Effects;
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::{Dependence, ForceLaw, ForceModel, Form, LAGS, NetworkStructure, SAVARESI_LAGS, TskKind};
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::DriveKind;
@@ -100,7 +100,7 @@ impl Job<'_> {
     }
 
     fn fuzzy_tanh(&self) -> Result<Fitted, Error> {
-        let Some(kind) = self.drive else { return Err(needs_drive("fuzzy-tanh")) };
+        let Some(kind) = self.drive else { return Err(no_passive_form(self.spec.structure())) };
         let memberships = self.memberships(kind)?;
         let names = names_of_copies(fuzzy_tanh::NAMES.into_iter(), memberships.sets.len());
         let (fitted, names) = if self.spec.form() == Form::FreeFuzzy {
@@ -201,12 +201,7 @@ impl Job<'_> {
     /// The highest degree, up to the requested one, that the levels of the drive determine.
     fn usable_degree(&self, kind: DriveKind) -> Result<usize, Error> {
         match Memberships::levels(kind, self.drives()).as_deref() {
-            Some([level]) => Err(Error::Data {
-                message: format!(
-                    "the runs hold one level of {kind}, {level:.3}, so the dependence of force on it is unknown; add runs at \
-                     other levels, or use the passive form"
-                ),
-            }),
+            Some([level]) => Err(IdentifyError::ConstantDrive { drive: kind, value: *level }.into()),
             Some(levels) => Ok(self.options.degree.min(levels.len() - 1)),
             None => Ok(self.options.degree),
         }
@@ -251,16 +246,12 @@ fn shortened<'a>(spec: ModelSpec, datasets: &'a [Dataset], options: &Options) ->
 
 /// The error for P, which cannot run as a model.
 pub(super) fn cannot_run() -> Error {
-    Error::Data {
-        message: "p cannot be made into a model that runs: it explains the force by the measured force at the \
-                  same instant, and run forward it diverges (both roots of 1 - p2 s - p3 s^2 lie in the right half \
-                  plane). `compare` shows how well it holds; the most similar model that runs is sp"
-            .to_owned(),
-    }
+    IdentifyError::CannotRun.into()
 }
 
-fn needs_drive(model: &str) -> Error {
-    Error::Data { message: format!("{model} has no passive form; use sp --passive") }
+fn no_passive_form(structure: Structure) -> Error {
+    let known = structure.forms().iter().map(|form| form.name()).collect();
+    IdentifyError::UnknownForm { model: structure.name(), form: Form::Passive.name(), known }.into()
 }
 
 /// The model, with the rate and envelope of the rows.

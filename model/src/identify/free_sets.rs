@@ -19,7 +19,7 @@
 use super::levels::{MembershipSource, Memberships};
 use super::row_problem::Columns;
 use super::search::SearchedModel;
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::{FuzzySets, Inputs, MAX_FUNCTIONS, blend};
 
 /// Largest move of a centre as a share of the distance to its neighbour: less than half, so that two never
@@ -58,22 +58,15 @@ impl<S: Blended> FreeSets<S> {
     /// continuously.
     ///
     /// # Errors
-    /// [`Error::Data`] if there is only one set, or at least as many sets as levels: the runs then do not
-    /// determine centres and widths.
+    /// [`IdentifyError::OneFreeSet`]; [`IdentifyError::TooFewLevels`] for at least as many sets as levels, because the
+    /// runs then do not determine centres and widths.
     pub(super) fn new(inner: S, sets: FuzzySets, levels: Option<usize>) -> Result<Self, Error> {
         let (count, drive) = (sets.len(), sets.drive());
         match levels {
-            _ if count < 2 => Err(Error::Data {
-                message: format!(
-                    "one set over {drive} has no centre or width to identify; leave the sets fixed"
-                ),
-            }),
-            Some(levels) if count >= levels => Err(Error::Data {
-                message: format!(
-                    "the runs hold {levels} levels of {drive}, so {count} sets cannot be placed; add runs in which \
-                     it varies, request fewer sets, or leave the sets fixed"
-                ),
-            }),
+            _ if count < 2 => Err(IdentifyError::OneFreeSet { drive }.into()),
+            Some(levels) if count >= levels => {
+                Err(IdentifyError::TooFewLevels { drive, levels, sets: count }.into())
+            }
             _ => Ok(Self { inner, sets }),
         }
     }

@@ -23,7 +23,7 @@ use super::scales::Scales;
 use super::search::{self, Found, SearchedModel};
 use super::tanh_columns::push_weights;
 use super::{Options, Watch};
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::law::{Hidden, Kind, MAX_HIDDEN, MAX_PARAMETERS, Sensitivity};
 use crate::force::{Dependence, ForceLaw, FuzzySets, Inputs, LawModel, MAX_FUNCTIONS};
 
@@ -45,7 +45,7 @@ pub(super) fn fit(
 ) -> Result<(LawModel, Found), Error> {
     let scales = Scales::of(datasets)?;
     let mut searched = LawColumns { law, dependence, scales, seed: None };
-    check_rows(datasets, searched.parameters())?;
+    check_rows(datasets, law, searched.parameters())?;
     if let (Dependence::Fuzzy(sets), true) = (dependence, law.has_memory()) {
         searched.seed = Some(seed(datasets, law, &sets, scales, options, watch)?);
     }
@@ -88,7 +88,7 @@ pub(super) fn fit_free(
     let inner =
         LawColumns { law, dependence: Dependence::Fuzzy(start), scales: Scales::of(datasets)?, seed: None };
     let searched = FreeSets::new(inner, start, levels)?;
-    check_rows(datasets, searched.parameters())?;
+    check_rows(datasets, law, searched.parameters())?;
     let found = search::search(datasets, &searched, options, watch)?;
     let memberships = searched.found(&found.natural)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
@@ -97,16 +97,19 @@ pub(super) fn fit_free(
 }
 
 /// Refuses runs with too few rows for the number of parameters.
-fn check_rows(datasets: &[Dataset], parameters: usize) -> Result<(), Error> {
+fn check_rows(datasets: &[Dataset], law: ForceLaw, parameters: usize) -> Result<(), Error> {
     let (rows, least) =
         (datasets.iter().map(Dataset::counted).sum::<usize>(), ROWS_PER_PARAMETER * parameters);
     if rows < least {
-        return Err(Error::Data {
-            message: format!(
-                "{rows} samples are too few for {parameters} parameters ({least} are needed); add runs, or include \
-                 samples at rest (--all-samples)"
-            ),
-        });
+        return Err(IdentifyError::TooFewSamples {
+            model: law.name(),
+            which: None,
+            samples: rows,
+            needed: least,
+            count: parameters,
+            parts: "parameters",
+        }
+        .into());
     }
     Ok(())
 }

@@ -22,7 +22,7 @@ use super::dataset::Dataset;
 use super::network::{is_constant, normalisation};
 use super::offsets::session_offsets_n;
 use super::{Progress, Watch};
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::{Lazy, LazyMetric, LazyPoint, MAX_POINTS};
 use crate::sample::DriveKind;
 use rand::{RngExt, SeedableRng};
@@ -69,14 +69,15 @@ pub(super) fn fit(
     let rough_n = session_offsets_n(datasets, drive.is_some());
     let rows = rows(datasets, drive.is_some(), &rough_n);
     if rows.len() < LEAST_POINTS * ROWS_PER_POINT {
-        return Err(Error::Data {
-            message: format!(
-                "{} samples are too few for a boada model, whose points are means of {ROWS_PER_POINT} or more ({} \
-                 are needed); add runs, or include samples at rest (--all-samples)",
-                rows.len(),
-                LEAST_POINTS * ROWS_PER_POINT
-            ),
-        });
+        return Err(IdentifyError::TooFewSamples {
+            model: "boada",
+            which: None,
+            samples: rows.len(),
+            needed: LEAST_POINTS * ROWS_PER_POINT,
+            count: LEAST_POINTS,
+            parts: "points",
+        }
+        .into());
     }
     let deviations = Deviations::of(datasets, drive)?;
     let (metric, neighbours, restart_rsse_n) = choose(&rows, &deviations, seed, watch)?;
@@ -128,22 +129,13 @@ impl Deviations {
         let velocity = normalisation(datasets, |_, row| row.velocity_m_s);
         let force = normalisation(datasets, |_, row| row.force_n);
         if [&displacement, &velocity, &force].into_iter().any(is_constant) {
-            return Err(Error::Data {
-                message: "force or displacement never varies in these runs, so no model can be identified"
-                    .to_owned(),
-            });
+            return Err(IdentifyError::Constant { channel: "force or displacement" }.into());
         }
         let drive = drive.map(|kind| (kind, normalisation(datasets, |_, row| row.drive)));
         if let Some((kind, n)) = drive
             && is_constant(&n)
         {
-            return Err(Error::Data {
-                message: format!(
-                    "{kind} is {} throughout these runs, so a boada model cannot learn its effect; add runs at \
-                     other levels, or identify the passive form",
-                    (n.mean * 1e6).round() / 1e6
-                ),
-            });
+            return Err(IdentifyError::ConstantDrive { drive: kind, value: n.mean }.into());
         }
         Ok(Self {
             displacement_m: displacement.deviation,

@@ -10,7 +10,7 @@
 //! nearly all samples; a freely varying drive gives adjacent windows without valleys.
 
 use super::dataset::Dataset;
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::{FuzzySets, MAX_FUNCTIONS, Membership};
 use crate::preset::{CENTRES_A, SIGMA_A};
 use crate::sample::DriveKind;
@@ -71,13 +71,8 @@ impl Memberships {
         let least = (per_set * ROWS_PER_PARAMETER) as f64;
         let poor = support.iter().zip(sets.centres()).find(|(support, _)| **support < least);
         let Some((support, centre)) = poor else { return Ok(()) };
-        Err(Error::Data {
-            message: format!(
-                "too few samples near {} = {centre:.3}: their total weight is {support:.1}, but a function needs {least}; add \
-                 runs, or choose membership centres within the runs' range",
-                sets.drive()
-            ),
-        })
+        Err(IdentifyError::EmptySet { drive: sets.drive(), centre: *centre, weight: *support, needed: least }
+            .into())
     }
 
     /// Chooses centres and widths for drive values in A or V, in any order; non-finite values are ignored.
@@ -86,7 +81,7 @@ impl Memberships {
     /// that neighbouring sets stay distinct. With one level there is one set, which is valid for any drive.
     ///
     /// # Errors
-    /// [`Error::Data`] without values.
+    /// [`IdentifyError::NoDrive`] without values.
     pub fn from_drive(kind: DriveKind, values: impl IntoIterator<Item = f64>) -> Result<Self, Error> {
         let values = Values::new(kind, values)?;
         let [low, high] = values.range();
@@ -105,7 +100,7 @@ impl Memberships {
     /// non-finite values are ignored. Sigma is half the spacing.
     ///
     /// # Errors
-    /// [`Error::Data`] without values, or if they are constant; [`Error::Length`] for more than
+    /// [`IdentifyError::NoDrive`] without values; [`IdentifyError::ConstantDrive`] if they are constant; [`Error::Length`] for more than
     /// [`MAX_FUNCTIONS`] sets or fewer than two.
     pub fn even(kind: DriveKind, values: impl IntoIterator<Item = f64>, count: usize) -> Result<Self, Error> {
         if !(2..=MAX_FUNCTIONS).contains(&count) {
@@ -160,9 +155,7 @@ impl Values {
     fn new(kind: DriveKind, values: impl IntoIterator<Item = f64>) -> Result<Self, Error> {
         let mut sorted: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
         if sorted.is_empty() {
-            return Err(Error::Data {
-                message: format!("memberships cannot be placed: the runs have no {kind} values"),
-            });
+            return Err(IdentifyError::NoDrive { drive: kind }.into());
         }
         sorted.sort_by(f64::total_cmp);
         Ok(Self { kind, sorted })
@@ -178,12 +171,7 @@ impl Values {
         let [low, high] = self.range();
         let spacing = (high - low) / (count - 1) as f64;
         if spacing <= 0.0 {
-            return Err(Error::Data {
-                message: format!(
-                    "{} is constant at {low}, so {count} sets cannot be placed; add runs at other levels",
-                    self.kind
-                ),
-            });
+            return Err(IdentifyError::ConstantDrive { drive: self.kind, value: low }.into());
         }
         let centres: Vec<f64> = (0..count).map(|j| low + spacing * j as f64).collect();
         let membership = Membership { drive: self.kind, sigma: spacing / 2.0 };

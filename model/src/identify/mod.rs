@@ -79,7 +79,7 @@ pub use velocity::VelocityTrial;
 pub use watch::{Progress, Watch};
 
 use crate::condition::Conditioning;
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::sample::{DriveKind, Run};
 use rayon::prelude::*;
 
@@ -87,7 +87,7 @@ use rayon::prelude::*;
 ///
 /// # Errors
 /// [`Error::MissingChannel`] for a run without force, or without the required drive or velocity.
-/// [`Error::WrongDrive`] if the runs differ in their kind of drive; [`Error::Data`] for too little data,
+/// [`Error::WrongDrive`] if the runs differ in their kind of drive; [`Error::Identify`] for too little data,
 /// constant data, or incompatible rates; [`Error::OutOfRange`] and [`Error::Length`] for invalid options;
 /// [`Error::Cancelled`].
 pub fn identify(
@@ -115,7 +115,7 @@ pub fn identify(
 /// conditioning. `conditioning`, `choose_velocity` and `dataset` of `options` are ignored.
 ///
 /// # Errors
-/// As [`identify`]; also [`Error::Data`] for runs that are conditioned differently.
+/// As [`identify`]; also [`IdentifyError::DifferentConditioning`].
 pub fn identify_datasets(
     spec: ModelSpec,
     datasets: &[Dataset],
@@ -126,12 +126,10 @@ pub fn identify_datasets(
     let drive = check_drives(spec, datasets.iter().map(|d| (d.name.as_str(), d.drive)))?;
     check_rows(datasets)?;
     if let Some(other) = datasets.iter().find(|d| d.conditioning != datasets[0].conditioning) {
-        return Err(Error::Data {
-            message: format!(
-                "runs {} and {} are conditioned differently, but a model is valid for one conditioning only",
-                datasets[0].name, other.name
-            ),
-        });
+        return Err(IdentifyError::DifferentConditioning {
+            runs: [datasets[0].name.clone(), other.name.clone()],
+        }
+        .into());
     }
     fit::fit(spec, drive, datasets, options, watch)
 }
@@ -145,23 +143,11 @@ fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
     if let Loss::Huber { threshold_n } = options.loss {
         Error::check("huber", threshold_n, "positive and finite", |t| t > 0.0)?;
         if !matches!(spec.structure(), Structure::FuzzyTanh | Structure::Law(_)) {
-            return Err(Error::Data {
-                message: format!(
-                    "{} is fitted by least squares only; leave Huber's loss out",
-                    spec.structure().name()
-                ),
-            });
+            return Err(IdentifyError::LeastSquaresOnly { model: spec.structure().name() }.into());
         }
     }
     if options.placement != Placement::FromRuns && !spec.has_sets() {
-        return Err(Error::Data {
-            message: format!(
-                "{} ({}) has no fuzzy sets over the drive; leave out their centres and number, or choose a fuzzy \
-                 form",
-                spec.structure().name(),
-                spec.form().name()
-            ),
-        });
+        return Err(IdentifyError::NoSets { model: spec.structure().name(), form: spec.form().name() }.into());
     }
     Ok(())
 }
@@ -189,25 +175,16 @@ fn datasets(
 /// Refuses runs without counted rows, and runs whose force is constant.
 fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
     if let Some(still) = datasets.iter().find(|d| d.counted() == 0) {
-        return Err(Error::Data {
-            message: format!(
-                "run {}: no sample can be used: the damper never moves, the run is too short for the filter to settle, or \
-                 force and displacement do not overlap in time",
-                still.name
-            ),
-        });
+        return Err(IdentifyError::NothingCounts { run: still.name.clone() }.into());
     }
     let varies = |d: &Dataset| d.envelope.force_n.is_some_and(|[low, high]| high > low);
     if datasets.iter().any(varies) {
         return Ok(());
     }
-    Err(Error::Data {
-        message: format!(
-            "force_n never varies in these runs (it stays at {} N), so no model can be identified; check the \
-             load cell",
-            datasets[0].envelope.force_n.map_or(f64::NAN, |[low, _]| low)
-        ),
-    })
+    Err(IdentifyError::ConstantForce {
+        force_n: datasets[0].envelope.force_n.map_or(f64::NAN, |[low, _]| low),
+    }
+    .into())
 }
 
 /// The kind of drive of all runs, given by name and drive; `None` for a passive model.
@@ -217,7 +194,7 @@ fn check_drives<'a>(
 ) -> Result<Option<DriveKind>, Error> {
     let mut runs = runs.peekable();
     if runs.peek().is_none() {
-        return Err(Error::Data { message: "no runs to identify from; give at least one".to_owned() });
+        return Err(IdentifyError::NoRuns.into());
     }
     if !spec.needs_drive() {
         return Ok(None);

@@ -32,7 +32,7 @@ use super::least_squares::{Normal, Problem, Stop, minimise};
 use super::offsets::session_offsets_n;
 use super::unrolled::{Stretch, Table, Tape, Unrolled};
 use super::{Progress, Watch, regression};
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::{Network, NetworkScaling, NetworkStructure, Normalisation};
 use crate::metrics::ErrorSum;
 use crate::sample::DriveKind;
@@ -107,7 +107,7 @@ pub(super) fn fit(
     let counted: usize = datasets.iter().map(Dataset::counted).sum();
     check_rows([counted, counted], structure, structure.weights(drive.is_some()))?;
     let offsets_n = session_offsets_n(datasets, drive.is_some());
-    let scaling = scaling(datasets, structure, drive, &offsets_n)?;
+    let scaling = scaling(datasets, drive, &offsets_n)?;
     let zeros = vec![0.0; structure.weights(drive.is_some())];
     let offset_n = super::mean_offset(datasets, &offsets_n);
     let empty = Network::new(structure, scaling, &zeros, Second(1.0 / rate_hz), offset_n)?;
@@ -128,7 +128,6 @@ pub(super) fn fit(
 /// Means and deviations of the counted rows.
 fn scaling(
     datasets: &[Dataset],
-    structure: NetworkStructure,
     drive: Option<DriveKind>,
     offsets_n: &[f64],
 ) -> Result<NetworkScaling, Error> {
@@ -137,23 +136,14 @@ fn scaling(
     let velocity_m_s = normalisation(datasets, |_, row| row.velocity_m_s);
     for (channel, n) in [("force", &force), ("displacement", &displacement_m), ("velocity", &velocity_m_s)] {
         if is_constant(n) {
-            return Err(Error::Data {
-                message: format!("{channel} never varies in these runs, so no model can be identified"),
-            });
+            return Err(IdentifyError::Constant { channel }.into());
         }
     }
     let drive = drive.map(|kind| (kind, normalisation(datasets, |_, row| row.drive)));
     if let Some((kind, n)) = drive
         && is_constant(&n)
     {
-        return Err(Error::Data {
-            message: format!(
-                "{kind} is {} throughout these runs, so a {} model cannot learn its effect; add runs at other \
-                 levels, or identify the passive form",
-                (n.mean * 1e6).round() / 1e6,
-                structure.name()
-            ),
-        });
+        return Err(IdentifyError::ConstantDrive { drive: kind, value: n.mean }.into());
     }
     Ok(NetworkScaling { displacement_m, velocity_m_s, drive, force_deviation_n: force.deviation })
 }
@@ -181,16 +171,20 @@ fn check_rows(
     structure: NetworkStructure,
     weights: usize,
 ) -> Result<(), Error> {
-    if training < ROWS_PER_WEIGHT * weights || held_back == 0 {
-        return Err(Error::Data {
-            message: format!(
-                "{training} training samples and {held_back} held-back samples, each with five before it, are too \
-                 few for the {weights} weights of a {} model ({} are needed); add runs, or include samples at \
-                 rest (--all-samples)",
-                structure.name(),
-                ROWS_PER_WEIGHT * weights
-            ),
-        });
+    let needed = ROWS_PER_WEIGHT * weights;
+    if training < needed {
+        return Err(IdentifyError::TooFewSamples {
+            model: structure.name(),
+            which: Some("for training, each with five before it,".to_owned()),
+            samples: training,
+            needed,
+            count: weights,
+            parts: "weights",
+        }
+        .into());
+    }
+    if held_back == 0 {
+        return Err(IdentifyError::NothingHeldBack { model: structure.name() }.into());
     }
     Ok(())
 }
@@ -235,9 +229,7 @@ fn train(table: &Table, restarts: u32, seed: u64, watch: &Watch) -> Result<(Vec<
         candidates.into_par_iter().map(|candidate| one_stage(table, candidate, last, watch)).collect();
     watch.report(Progress::Polish { done: of, of });
     let best = finished.ok_or(Error::Cancelled)?.into_iter().min_by(|a, b| a.error.total_cmp(&b.error));
-    let best = best.filter(|best| best.error.is_finite()).ok_or_else(|| Error::Data {
-        message: "no restart had a finite error; check the runs for extreme values".to_owned(),
-    })?;
+    let best = best.filter(|best| best.error.is_finite()).ok_or(IdentifyError::NoFiniteError)?;
     Ok((errors, best))
 }
 
@@ -429,7 +421,7 @@ mod tests {
         let datasets = [dataset()];
         let offsets_n = session_offsets_n(&datasets, true);
         let drive = Some(DriveKind::CoilCurrent);
-        let scaling = scaling(&datasets, structure, drive, &offsets_n).expect("varies");
+        let scaling = scaling(&datasets, drive, &offsets_n).expect("varies");
         let zeros = vec![0.0; structure.weights(true)];
         let empty = Network::new(structure, scaling, &zeros, Second(1.0 / 512.0), offsets_n[0]);
         let empty = empty.expect("a network");

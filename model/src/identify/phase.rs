@@ -17,7 +17,7 @@
 
 use super::regression::Triangle;
 use super::{Dataset, Watch};
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::{ForceMotion, PHASE_PARAMETERS, Phase};
 use crate::metrics::{ErrorSum, Fit};
 use crate::sample::DriveKind;
@@ -59,7 +59,7 @@ pub struct IdentifiedPhase {
 /// Fits P to `datasets`.
 ///
 /// # Errors
-/// [`Error::Data`] without datasets, with too few rows, or with constant force; [`Error::WrongDrive`] if a
+/// [`IdentifyError`] without datasets, with too few rows, or with constant force; [`Error::WrongDrive`] if a
 /// run does not have `options.drive`; [`Error::OutOfRange`] for invalid options; [`Error::Cancelled`].
 pub fn identify_phase(
     datasets: &[Dataset],
@@ -82,12 +82,15 @@ pub fn identify_phase(
     let instants: Vec<Vec<Instant>> = datasets.iter().zip(&offsets_n).map(of_run).collect();
     let count: usize = instants.iter().map(Vec::len).sum();
     if count < ROWS_PER_PARAMETER * n {
-        return Err(Error::Data {
-            message: format!(
-                "{count} samples with force on both sides are too few for {n} coefficients of p ({} are needed)",
-                ROWS_PER_PARAMETER * n
-            ),
-        });
+        return Err(IdentifyError::TooFewSamples {
+            model: "p",
+            which: Some("with force on both sides".to_owned()),
+            samples: count,
+            needed: ROWS_PER_PARAMETER * n,
+            count: n,
+            parts: "coefficients",
+        }
+        .into());
     }
     let mut triangle = Triangle::new(n + 1);
     for run in &instants {
@@ -104,8 +107,7 @@ pub fn identify_phase(
     for at in instants.iter().flatten() {
         sum.add(at.force.force_n, phase.same_instant_n(at.velocity_m_s, &at.force, at.drive));
     }
-    let same_instant =
-        sum.fit().ok_or_else(|| Error::Data { message: "the runs have no samples".to_owned() })?;
+    let same_instant = sum.fit().ok_or(IdentifyError::Constant { channel: "force" })?;
     Ok(IdentifiedPhase { phase, offsets_n, same_instant, rank })
 }
 
@@ -316,7 +318,7 @@ mod tests {
                 .expect_err("refused")
                 .to_string()
         };
-        assert!(error(&short, PhaseOptions::default()).contains("too few for 5 coefficients"));
+        assert!(error(&short, PhaseOptions::default()).contains("too few for the 5 coefficients of p"));
         let on_voltage = PhaseOptions { drive: Some(DriveKind::CommandVoltage), ..PhaseOptions::default() };
         assert!(error(&dataset(&truth), on_voltage).contains("current_a"));
         let nowhere = PhaseOptions { reach_s: 0.0, ..PhaseOptions::default() };

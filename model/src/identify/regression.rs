@@ -22,7 +22,7 @@
 use super::Watch;
 use super::dataset::Dataset;
 use crate::condition::{ApplyTo, VelocitySource};
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::Dependence;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -108,15 +108,15 @@ impl Regression {
         }
         let rows: usize = means.iter().map(|means| means.rows).sum();
         if rows < ROWS_PER_PARAMETER * n {
-            return Err(Error::Data {
-                message: format!(
-                    "{rows} samples that follow {} others are too few for {n} {} coefficients ({} are needed); add \
-                     runs, or include samples at rest (--all-samples)",
-                    self.lags,
-                    self.model,
-                    ROWS_PER_PARAMETER * n
-                ),
-            });
+            return Err(IdentifyError::TooFewSamples {
+                model: self.model,
+                which: Some(format!("that follow {} others", self.lags)),
+                samples: rows,
+                needed: ROWS_PER_PARAMETER * n,
+                count: n,
+                parts: "coefficients",
+            }
+            .into());
         }
         // After centring, a constant column holds only rounding errors, no signal.
         let mut rounding = DVector::<f64>::zeros(n);
@@ -233,20 +233,19 @@ impl Regression {
 }
 
 /// The common rate of all datasets, for the model named `model`, which is valid for one rate only.
-pub(super) fn common_rate(datasets: &[Dataset], model: &str) -> Result<f64, Error> {
+pub(super) fn common_rate(datasets: &[Dataset], model: &'static str) -> Result<f64, Error> {
     let first = &datasets[0];
     if first.conditioning.apply_to == ApplyTo::Output {
-        return Err(Error::output_filter_on_force_fed(model));
+        return Err(Error::OutputFilter { model });
     }
     let off = |d: &&Dataset| (d.rate_hz / first.rate_hz - 1.0).abs() > RATE_TOLERANCE;
     if let Some(other) = datasets.iter().find(off) {
-        return Err(Error::Data {
-            message: format!(
-                "the {model} model is valid at one rate only, but run {} is at {:.6} Hz and run {} at {:.6} Hz; identify \
-                 them separately, or request a rate of which both are whole multiples",
-                first.name, first.rate_hz, other.name, other.rate_hz
-            ),
-        });
+        return Err(IdentifyError::DifferentRates {
+            model,
+            runs: [first.name.clone(), other.name.clone()],
+            rates_hz: [first.rate_hz, other.rate_hz],
+        }
+        .into());
     }
     Ok(datasets.iter().map(|d| d.rate_hz).sum::<f64>() / datasets.len() as f64)
 }
@@ -333,10 +332,7 @@ fn solve(triangle: &DMatrix<f64>, rounding: &DVector<f64>) -> Result<(DVector<f6
         .solve(&force, tolerance)
         .ok()
         .filter(|s| rank > 0 && s.iter().all(|v| v.is_finite()))
-        .ok_or_else(|| Error::Data {
-            message: "force and displacement never vary in these runs, so no model can be identified"
-                .to_owned(),
-        })?;
+        .ok_or(IdentifyError::Constant { channel: "force or displacement" })?;
     let unscaled = |(value, scale): (&f64, &f64)| if *scale > 0.0 { value / scale } else { 0.0 };
     Ok((DVector::from_iterator(n, solution.iter().zip(&scales).map(unscaled)), rank))
 }

@@ -1,7 +1,7 @@
 //! Scales of the data, which set the bounds and starts of a fit.
 
 use super::dataset::Dataset;
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::law::Scale;
 
 /// Largest values in the runs.
@@ -52,10 +52,7 @@ impl Scales {
         if scales.force_n > 0.0 && scales.velocity_m_s > 0.0 && scales.frequency_1_s > 0.0 {
             return Ok(scales);
         }
-        Err(Error::Data {
-            message: "force or displacement never varies in these runs, so no model can be identified"
-                .to_owned(),
-        })
+        Err(IdentifyError::Constant { channel: "force or displacement" }.into())
     }
 
     /// The size of a parameter with this natural scale.

@@ -39,7 +39,7 @@ pub struct Scores {
 ///
 /// # Errors
 /// [`Error::WrongDrive`] and [`Error::MissingChannel`] if the run does not have the model's drive or an
-/// effect's channel; [`Error::Data`] if the model's input includes force and its rate differs from the run's;
+/// effect's channel; [`Error::WrongRate`] if the model's input includes force and its rate differs from the run's;
 /// [`Error::Cancelled`].
 pub fn score(model: &Augmented, dataset: &Dataset, watch: &Watch) -> Result<Scores, Error> {
     check(model, dataset)?;
@@ -119,15 +119,14 @@ pub(crate) fn check(model: &Augmented, dataset: &Dataset) -> Result<(), Error> {
         }
     }
     match force.force_fed_period() {
-        Some(period) if (period.get() * dataset.rate_hz - 1.0).abs() > RATE_TOLERANCE => Err(Error::Data {
-            message: format!(
-                "run {}: its rate is {:.6} Hz, but the {} model is valid at {:.6} Hz; convert the run to that rate",
-                dataset.name,
-                dataset.rate_hz,
-                force.name(),
-                1.0 / period.get()
-            ),
-        }),
+        Some(period) if (period.get() * dataset.rate_hz - 1.0).abs() > RATE_TOLERANCE => {
+            Err(Error::WrongRate {
+                run: dataset.name.clone(),
+                rate_hz: dataset.rate_hz,
+                model: force.name(),
+                needed_hz: 1.0 / period.get(),
+            })
+        }
         _ => Ok(()),
     }
 }

@@ -10,7 +10,7 @@ use super::dataset::Dataset;
 use super::least_squares::{Minimum, Problem, Stop, minimise};
 use super::row_problem::{Columns, RowProblem};
 use super::{Loss, Options, Progress, Watch};
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -136,9 +136,7 @@ pub(super) fn search<S: SearchedModel>(
             }
         }
     }
-    let mut best = best.ok_or_else(|| Error::Data {
-        message: "no restart had a finite error; check the runs for extreme values".to_owned(),
-    })?;
+    let mut best = best.ok_or(IdentifyError::NoFiniteError)?;
     if let Loss::Huber { threshold_n } = options.loss {
         for _ in 0..REWEIGHTINGS {
             problem.weigh(&best.parameters, threshold_n);

@@ -2,7 +2,7 @@
 //! enters it.
 
 use crate::edit_distance::edit_distance;
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::{ForceLaw, Form, NetworkStructure, TskKind};
 
 /// A model structure of the thesis, or of the literature that the thesis reviews.
@@ -97,27 +97,20 @@ impl ModelSpec {
     /// `structure` in `form`.
     ///
     /// # Errors
-    /// [`Error::Data`] if the structure does not have that form.
+    /// [`IdentifyError::UnknownForm`] if the structure does not have that form.
     pub fn new(structure: Structure, form: Form) -> Result<Self, Error> {
         if structure.forms().contains(&form) {
             return Ok(Self { structure, form });
         }
         let known: Vec<&str> = structure.forms().iter().map(|form| form.name()).collect();
-        Err(Error::Data {
-            message: format!(
-                "the {} model has no {} form; it has {}",
-                structure.name(),
-                form.name(),
-                known.join(" or ")
-            ),
-        })
+        Err(IdentifyError::UnknownForm { model: structure.name(), form: form.name(), known }.into())
     }
 
     /// The structure `name` in `form`.
     ///
     /// # Errors
-    /// [`Error::Data`] for an unknown name, with the most similar one, or for a form that the structure does
-    /// not have.
+    /// [`IdentifyError::UnknownModel`] with the most similar name; [`IdentifyError::UnknownForm`] for a form that the
+    /// structure does not have.
     pub fn named(name: &str, form: Form) -> Result<Self, Error> {
         let all = Structure::all();
         if let Some(structure) = all.iter().find(|structure| structure.name() == name) {
@@ -125,13 +118,12 @@ impl ModelSpec {
         }
         let nearest = all.iter().map(|s| s.name()).min_by_key(|known| edit_distance(known, name));
         let names: Vec<&str> = all.iter().map(|s| s.name()).collect();
-        Err(Error::Data {
-            message: format!(
-                "model \"{name}\" is not known; did you mean {}? The models are {}",
-                nearest.unwrap_or("arx"),
-                names.join(", ")
-            ),
-        })
+        Err(IdentifyError::UnknownModel {
+            name: name.to_owned(),
+            nearest: nearest.unwrap_or("arx"),
+            known: names,
+        }
+        .into())
     }
 
     /// Every structure in every form.

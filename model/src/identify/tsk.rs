@@ -42,7 +42,7 @@ use super::dataset::{Dataset, Row};
 use super::least_squares::{Normal, Problem, Stop, minimise};
 use super::{Options, Progress, Watch};
 use crate::condition::ApplyTo;
-use crate::error::Error;
+use crate::error::{Error, IdentifyError};
 use crate::force::{MAX_INPUTS, Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind};
 use crate::metrics::ErrorSum;
 use crate::sample::DriveKind;
@@ -119,7 +119,7 @@ pub struct FittedTsk {
 /// without one, the form is passive.
 ///
 /// # Errors
-/// [`Error::Data`] for too few rows or a constant channel; [`Error::Cancelled`].
+/// [`Error::Identify`] for too few rows or a constant channel; [`Error::Cancelled`].
 pub fn fit_tsk(
     datasets: &[Dataset],
     kind: TskKind,
@@ -370,14 +370,15 @@ fn check_size(kind: TskKind, structure: &[(Signal, usize)], found: usize) -> Res
         return Ok(());
     }
     let names: Vec<&str> = structure.iter().map(|(signal, _)| signal.name()).collect();
-    Err(Error::Data {
-        message: format!(
-            "{} has {parameters} parameters and needs {needed} usable samples with {}, but the runs have \
-             {found}; add runs, or use longer ones",
-            kind.name(),
-            names.join(", ")
-        ),
-    })
+    Err(IdentifyError::TooFewSamples {
+        model: kind.name(),
+        which: Some(format!("with {}", names.join(", "))),
+        samples: found,
+        needed,
+        count: parameters,
+        parts: "parameters",
+    }
+    .into())
 }
 
 /// The columns of one run, for the used rows.
@@ -534,7 +535,7 @@ fn mean(values: &[f64]) -> f64 {
 /// Mean, standard deviation and range over all parts of a column.
 fn moments<'s>(
     parts: impl Iterator<Item = &'s [f64]> + Clone,
-    name: &str,
+    name: &'static str,
 ) -> Result<(f64, f64, [f64; 2]), Error> {
     let all = || parts.clone().flatten().copied();
     let count = all().count().max(1) as f64;
@@ -544,9 +545,5 @@ fn moments<'s>(
     if std_dev > CONSTANT * range[0].abs().max(range[1].abs()) {
         return Ok((mean, std_dev, range));
     }
-    Err(Error::Data {
-        message: format!(
-            "{name} never varies in these runs; add runs where it does, or identify a model without it"
-        ),
-    })
+    Err(IdentifyError::ConstantInput { input: name }.into())
 }

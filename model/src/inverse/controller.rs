@@ -113,7 +113,7 @@ impl InverseController {
     /// A controller for `model` that finds currents by `method`. It starts at rest with the safe current. A surrogate is fitted here.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] for a limit out of range. [`Error::Data`] for a model without a current input (none, or a voltage), for a
+    /// [`Error::OutOfRange`] for a limit out of range. [`Error::Inverse`] for a model without a current input (none, or a voltage), for a
     /// model without a finite force everywhere in its own envelope, and for a model that `method` does not support, see [`Method`].
     pub fn with_method(model: &Model, limits: Limits, method: Method) -> Result<Self, Error> {
         let inverse = Some(Inverse::new(model, &limits, method)?);

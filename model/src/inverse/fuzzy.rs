@@ -46,8 +46,8 @@ pub(super) struct Fuzzy {
 }
 
 impl Fuzzy {
-    /// The least-squares fit of the rules to `samples`.
-    pub(super) fn fit(samples: &[Sample], cycle: &Cycle) -> Result<Self, Error> {
+    /// The least-squares fit of the rules to `samples`; `None` if they do not determine the rules.
+    pub(super) fn fit(samples: &[Sample], cycle: &Cycle) -> Result<Option<Self>, Error> {
         let most_n = samples.iter().fold(0.0_f64, |most, sample| most.max(sample.force_n.abs()));
         let inputs = [
             input(Signal::Displacement, cycle.middle_m, cycle.half_m, &CENTRES_X)?,
@@ -69,16 +69,14 @@ impl Fuzzy {
             square.ger(1.0, &row, &row, 1.0);
             rhs.axpy(sample.inputs.drive, &row, 1.0);
         }
-        let conclusions =
-            square.cholesky().map(|factors| factors.solve(&rhs)).ok_or_else(|| Error::Data {
-                message: "the model does not determine the rules of its fuzzy inverse; use search".to_owned(),
-            })?;
-        Ok(Self {
+        let Some(factors) = square.cholesky() else { return Ok(None) };
+        let conclusions = factors.solve(&rhs);
+        Ok(Some(Self {
             rules: made(conclusions.as_slice())?,
             low_m: cycle.middle_m - cycle.half_m,
             high_m: cycle.middle_m + cycle.half_m,
             fastest_m_s: cycle.fastest_m_s,
-        })
+        }))
     }
 
     /// The current for `force_n` at displacement `x_m` and velocity `v_m_s`; `None` if it is not finite.

@@ -6,7 +6,7 @@ use super::shape::Shape;
 use super::solve::{Moment, Solution, Solver};
 use super::surrogate::Surrogate;
 use crate::effect::{Augmented, Effect, EffectModel, Effects};
-use crate::error::Error;
+use crate::error::{Error, InverseError, NoInverse};
 use crate::force::Inputs;
 use crate::model::{Model, Preload};
 use crate::sample::DriveKind;
@@ -45,23 +45,16 @@ impl Inverse {
         match model.force.drive() {
             Some(DriveKind::CoilCurrent) => {}
             Some(DriveKind::CommandVoltage) => {
-                return Err(refused(
-                    model,
-                    "is driven by a voltage, not a current; identify it on runs with current_a",
-                ));
+                return Err(refused(model, NoInverse::DrivenByVoltage));
             }
             None => {
-                return Err(refused(model, "has no current input; use a model with one"));
+                return Err(refused(model, NoInverse::NoCurrentInput));
             }
         }
         let shape = Shape::of(model, limits.current_max_a);
         if !shape.has_force() {
-            let [some, all] = shape.points;
-            let what = format!(
-                "has a finite force at only {some} of {all} points of its own envelope, so no current can be computed; check it with \
-                 `mr-damper evaluate`, or use another model"
-            );
-            return Err(refused(model, &what));
+            let [finite, points] = shape.points;
+            return Err(refused(model, NoInverse::FewFiniteForces { finite, points }));
         }
         let mut coil = None;
         for effect in model.effects.as_slice() {
@@ -103,6 +96,6 @@ pub(super) fn without_lag(model: &Model) -> Result<Augmented, Error> {
     Augmented::new(model.force, Effects::new(&kept)?)
 }
 
-pub(super) fn refused(model: &Model, what: &str) -> Error {
-    Error::Data { message: format!("no inverse of the {} model: it {what}", model.force.name()) }
+pub(super) fn refused(model: &Model, why: NoInverse) -> Error {
+    InverseError { model: model.force.name(), why }.into()
 }

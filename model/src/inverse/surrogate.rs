@@ -16,7 +16,7 @@ use super::prepare::refused;
 use super::shape::{HARDLY, Shape};
 use super::solve::{Moment, Solution};
 use crate::effect::{Augmented, Effect, Effects};
-use crate::error::Error;
+use crate::error::{Error, NoInverse};
 use crate::force::{Inputs, MAX_INPUTS};
 use crate::model::Model;
 use crate::units::{Ampere, Newton};
@@ -100,7 +100,7 @@ impl Surrogate {
     /// The surrogate of `model` by `method`; `None` for the search.
     ///
     /// # Errors
-    /// [`Error::Data`] for a model that the method does not support, with the reason.
+    /// [`InverseError`](crate::error::InverseError) for a model that the method does not support.
     pub(super) fn of(
         model: &Model,
         method: Method,
@@ -116,8 +116,7 @@ impl Surrogate {
         let most_n = Shape::of(&alone, limits.current_max_a).most_n;
         let context = FitContext { cycle, bare: &bare, most_n, limits };
         let samples = context.samples();
-        let undetermined =
-            || refused(model, &format!("does not determine its {} inverse; use search", method.name()));
+        let undetermined = || refused(model, NoInverse::Undetermined { method: method.name() });
         if samples.is_empty() {
             return Err(undetermined());
         }
@@ -126,7 +125,7 @@ impl Surrogate {
                 let fitted = Polynomial::fit(&samples, cycle.fastest_m_s, limits.current_max_a);
                 Map::Polynomial(fitted.ok_or_else(undetermined)?)
             }
-            _ => Map::Fuzzy(Fuzzy::fit(&samples, &cycle)?),
+            _ => Map::Fuzzy(Fuzzy::fit(&samples, &cycle)?.ok_or_else(undetermined)?),
         };
         let fit = context.fit_of(&map);
         if fit.points[0] == 0 {
@@ -228,21 +227,18 @@ impl FitContext<'_> {
 
 /// Refuses a model whose inverse is not a function of motion and force.
 fn check(model: &Model, method: Method, shape: &Shape) -> Result<(), Error> {
-    let refuse =
-        |why: &str| Err(refused(model, &format!("{why}; it has no {} inverse: use search", method.name())));
+    let method = method.name();
     if model.force.force_fed_period().is_some() {
-        return refuse("is autoregressive in force, and a current acts only samples later");
+        return Err(refused(model, NoInverse::Autoregressive { method }));
     }
     if let Some(fold) = shape.fold.filter(|fold| fold.fall_n > GROSS * shape.most_n) {
-        return refuse(&format!(
-            "gives one force at several currents (the force turns back by {:.1} N above {:.2} A)",
-            fold.fall_n, fold.current_a
-        ));
+        let (fall_n, current_a) = (fold.fall_n, fold.current_a);
+        return Err(refused(model, NoInverse::NotUnique { method, fall_n, current_a }));
     }
     let stands =
         |effect: Effect| effect.only_adds() || matches!(effect, Effect::CoilLag | Effect::CoilLagRiseFall);
     match model.effects.as_slice().iter().find(|effect| !stands(effect.effect())) {
-        Some(effect) => refuse(&format!("has {}, which does more than add a force", effect.effect().title())),
+        Some(effect) => Err(refused(model, NoInverse::NotAForce { method, effect: effect.effect().title() })),
         None => Ok(()),
     }
 }

@@ -83,7 +83,9 @@ pub(super) fn read(lags: usize, drive: Option<DriveKind>, table: &toml::Table) -
     let period = Second(p.sample_period_s);
     let (force, x, v) = (&p.force_lags, &p.displacement_lags_n_m, &p.velocity_lags_n_s_m);
     let arx = if lags == SAVARESI_LAGS {
-        let driven = driven.map(|(kind, list)| Ok((kind, coefficients("drive lags", &list)?))).transpose()?;
+        let driven = driven
+            .map(|(kind, list)| coefficients("drive lags", &list).map(|list| (kind, list)))
+            .transpose()?;
         Arx::savaresi(
             coefficients("force_lags", force)?,
             coefficients("displacement_lags_n_m", x)?,
@@ -93,7 +95,9 @@ pub(super) fn read(lags: usize, drive: Option<DriveKind>, table: &toml::Table) -
             p.force_offset_n,
         )?
     } else {
-        let driven = driven.map(|(kind, list)| Ok((kind, coefficients("drive lags", &list)?))).transpose()?;
+        let driven = driven
+            .map(|(kind, list)| coefficients("drive lags", &list).map(|list| (kind, list)))
+            .transpose()?;
         Arx::new(
             coefficients("force_lags", force)?,
             coefficients("displacement_lags_n_m", x)?,

@@ -1,9 +1,9 @@
 //! Effects in a model file: one table per effect, in order of application, with parameters by name.
 
-use super::file_error;
+use super::{missing, not_a_number};
 use crate::edit_distance::edit_distance;
 use crate::effect::{Effect, EffectModel, Effects};
-use crate::error::Error;
+use crate::error::{Error, ModelFileError};
 use crate::force::ForceModel;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
@@ -44,30 +44,23 @@ pub(super) fn read(tables: &[Table], force: &ForceModel) -> Result<Effects, Erro
 
 fn one(index: usize, table: &Table) -> Result<EffectModel, Error> {
     let at = format!("effects[{index}]");
-    let id = text(table, &at, "id")?.ok_or_else(|| file_error(format!("{at}.id is missing")))?;
+    let id = text(table, &at, "id")?.ok_or_else(|| missing(format!("{at}.id")))?;
     let forms: Vec<Effect> = Effect::ALL.into_iter().filter(|effect| effect.id() == id).collect();
     if forms.is_empty() {
-        return Err(unknown_id(&at, id));
+        return Err(unknown_id(index, id));
     }
     let form = text(table, &at, "form")?;
     let Some(effect) = forms.iter().copied().find(|effect| effect.form() == form) else {
         let known: Vec<&str> = forms.iter().filter_map(|effect| effect.form()).collect();
-        return Err(file_error(match (known.is_empty(), form) {
-            (true, _) => format!("{at}: {id} has one form only; leave form out"),
-            (false, None) => format!("{at}: {id} needs form, one of {}", known.join(", ")),
-            (false, Some(form)) => {
-                format!("{at}.form is \"{form}\", but {id} has the forms {}", known.join(", "))
-            }
-        }));
+        let (id, found) = (forms[0].id(), form.map(str::to_owned));
+        return Err(ModelFileError::EffectForm { index, id, found, known }.into());
     };
     let parameters = effect.parameters();
     for key in table.keys().filter(|key| !["id", "form"].contains(&key.as_str())) {
         if parameters.iter().all(|parameter| parameter.name != key) {
             let nearest = parameters.iter().map(|p| p.name).min_by_key(|name| edit_distance(name, key));
-            return Err(file_error(format!(
-                "{at}.{key} is unknown; did you mean {}? (the suffix is the unit)",
-                nearest.unwrap_or("id")
-            )));
+            let (key, nearest) = (format!("{at}.{key}"), nearest.unwrap_or("id").to_owned());
+            return Err(ModelFileError::UnknownKey { key, nearest }.into());
         }
     }
     let mut values = Vec::with_capacity(parameters.len());
@@ -76,25 +69,31 @@ fn one(index: usize, table: &Table) -> Result<EffectModel, Error> {
             Some(Value::Float(value)) => *value,
             Some(Value::Integer(value)) => *value as f64,
             Some(other) => {
-                return Err(file_error(format!("{at}.{} is {other}, not a number", parameter.name)));
+                return Err(not_a_number(format!("{at}.{}", parameter.name), other));
             }
-            None => return Err(file_error(format!("{at}.{} is missing", parameter.name))),
+            None => return Err(missing(format!("{at}.{}", parameter.name))),
         });
     }
-    EffectModel::new(effect, &values).map_err(|e| file_error(format!("{at}: {e}")))
+    EffectModel::new(effect, &values)
+        .map_err(|error| ModelFileError::Effect { index, error: Box::new(error) }.into())
 }
 
 fn text<'a>(table: &'a Table, at: &str, key: &str) -> Result<Option<&'a str>, Error> {
     match table.get(key) {
         None => Ok(None),
         Some(Value::String(text)) => Ok(Some(text)),
-        Some(other) => Err(file_error(format!("{at}.{key} is {other}, not a string in quotes"))),
+        Some(other) => Err(ModelFileError::WrongType {
+            key: format!("{at}.{key}"),
+            found: other.to_string(),
+            expected: "a string in quotes",
+        }
+        .into()),
     }
 }
 
-fn unknown_id(at: &str, id: &str) -> Error {
+fn unknown_id(index: usize, id: &str) -> Error {
     let mut known: Vec<&str> = Effect::ALL.into_iter().map(Effect::id).collect();
     known.dedup();
     let nearest = known.iter().min_by_key(|name| edit_distance(name, id)).copied().unwrap_or_default();
-    file_error(format!("{at}.id is \"{id}\"; did you mean {nearest}? (known are {})", known.join(", ")))
+    ModelFileError::UnknownEffectId { index, id: id.to_owned(), nearest, known }.into()
 }

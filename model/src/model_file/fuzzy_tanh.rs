@@ -1,8 +1,8 @@
 //! Parameters of a fuzzy-tanh model in a model file.
 
 use super::memberships::{self, Memberships};
-use super::{file_error, table_into};
-use crate::error::Error;
+use super::table_into;
+use crate::error::{Error, ModelFileError};
 use crate::force::{FuzzyTanh, TanhFunction};
 use crate::sample::DriveKind;
 use serde::{Deserialize, Serialize};
@@ -39,9 +39,7 @@ impl Parameters {
 pub(super) fn read(drive: Option<DriveKind>, table: &toml::Table) -> Result<FuzzyTanh, Error> {
     let keys = [&memberships::KEYS[..], &KEYS].concat();
     let p: Parameters = table_into("parameters", table.clone(), &keys)?;
-    let drive = drive.ok_or_else(|| {
-        file_error("drive is missing; a fuzzy-tanh model needs \"current_a\" or \"command_v\"".to_owned())
-    })?;
+    let drive = drive.ok_or(ModelFileError::MissingDrive { model: "fuzzy-tanh" })?;
     let sets = p.memberships.read(drive)?;
     let n = sets.len();
     for (name, list) in [

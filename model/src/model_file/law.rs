@@ -4,8 +4,8 @@
 //! the parameter's unit over that power of the drive's unit), or a list with one value for each fuzzy set.
 
 use super::memberships::{self, Memberships};
-use super::{drive_error, file_error, table_into};
-use crate::error::Error;
+use super::{drive_error, missing, table_into};
+use crate::error::{Error, ModelFileError};
 use crate::force::{Dependence, ForceLaw, LawModel};
 use crate::sample::DriveKind;
 use serde::{Deserialize, Serialize};
@@ -66,8 +66,8 @@ pub(super) fn read(law: ForceLaw, drive: Option<DriveKind>, table: &toml::Table)
     let p: Parameters = table_into("parameters", table.clone(), &keys)?;
     let values = |j: usize| {
         let name = parameters[j].name;
-        let value = p.values.get(name).ok_or_else(|| file_error(format!("parameters.{name} is missing")))?;
-        Ok((name, value.as_slice()))
+        let value = p.values.get(name).ok_or_else(|| missing(format!("parameters.{name}")))?;
+        Ok::<_, Error>((name, value.as_slice()))
     };
     let first = values(0)?.1.len();
     let dependence = dependence(&p.dependence, drive, first, &p.memberships)?;
@@ -107,9 +107,12 @@ pub(super) fn dependence(
             ));
         }
         (other, _) => {
-            return Err(file_error(format!(
-                "parameters.dependence is \"{other}\", but must be none, polynomial or fuzzy"
-            )));
+            return Err(ModelFileError::UnknownWord {
+                key: "parameters.dependence".to_owned(),
+                found: other.to_owned(),
+                expected: "none, polynomial or fuzzy",
+            }
+            .into());
         }
     })
 }

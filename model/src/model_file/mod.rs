@@ -34,7 +34,7 @@ mod tsk;
 
 use crate::condition::Conditioning;
 use crate::edit_distance::edit_distance;
-use crate::error::Error;
+use crate::error::{Error, ModelFileError};
 use crate::force::{ForceLaw, ForceModel, LAGS, NetworkStructure, SAVARESI_LAGS, TskKind};
 use crate::metrics::Fit;
 use crate::model::{Envelope, Expected, Model};
@@ -218,21 +218,21 @@ impl ModelFile {
             expected,
             provenance: &self.provenance,
         };
-        toml::to_string(&written).map_err(|e| file_error(e.to_string()))
+        toml::to_string(&written).map_err(|error| ModelFileError::Write { message: error.to_string() }.into())
     }
 
     /// Parses a file's text.
     ///
     /// # Errors
-    /// [`Error::ModelFile`] with the key, the value and what to do; [`Error::OutOfRange`] and
+    /// [`Error::ModelFile`] with the line or key, the value and what to do; [`Error::OutOfRange`] and
     /// [`Error::Length`] for invalid numbers.
     pub fn from_toml(text: &str) -> Result<Self, Error> {
-        let read: Read = toml::from_str(text).map_err(|e| file_error(e.to_string()))?;
+        let read: Read = toml::from_str(text).map_err(|error| ModelFileError::Syntax {
+            line: error.span().map(|span| line_at(text, span.start)),
+            message: error.to_string(),
+        })?;
         if read.schema != SCHEMA {
-            return Err(file_error(format!(
-                "schema is \"{}\"; this version reads \"{SCHEMA}\"",
-                read.schema
-            )));
+            return Err(ModelFileError::Schema { found: read.schema, known: SCHEMA }.into());
         }
         let force = match read.model.as_str() {
             "arx" => ForceModel::Arx(arx::read(LAGS, read.drive, &read.parameters)?),
@@ -253,8 +253,8 @@ impl ModelFile {
         let rate_hz = match table.remove("rate_hz") {
             Some(toml::Value::Float(rate)) => rate,
             Some(toml::Value::Integer(rate)) => rate as f64,
-            Some(other) => return Err(file_error(format!("conditioning.rate_hz is {other}, not a number"))),
-            None => return Err(file_error("conditioning.rate_hz is missing".to_owned())),
+            Some(other) => return Err(not_a_number("conditioning.rate_hz".to_owned(), &other)),
+            None => return Err(missing("conditioning.rate_hz".to_owned())),
         };
         Error::check("conditioning.rate_hz", rate_hz, "positive and finite", |r| r > 0.0)?;
         let conditioning: Conditioning = table_into("conditioning", table, &[])?;
@@ -271,7 +271,7 @@ fn unknown_model(name: &str) -> Error {
     known.extend(ForceLaw::ALL.map(ForceLaw::name));
     known.extend(NetworkStructure::ALL.map(NetworkStructure::name));
     known.extend(TskKind::ALL.map(TskKind::name));
-    file_error(format!("model is \"{name}\"; known are {}", known.join(", ")))
+    ModelFileError::UnknownName { name: name.to_owned(), known }.into()
 }
 
 /// Deserialises one table. The error for an unknown key suggests the key (and unit) that was probably
@@ -284,23 +284,31 @@ fn table_into<T: serde::de::DeserializeOwned>(
     for key in table.keys() {
         if !known.is_empty() && !known.contains(&key.as_str()) {
             let nearest = known.iter().min_by_key(|k| edit_distance(k, key)).unwrap_or(&"");
-            return Err(file_error(format!(
-                "{name}.{key} is unknown; did you mean {nearest}? (the suffix is the unit: _n newtons, _a amperes, \
-                 _v volts, _s seconds, _m metres; convert the numbers when the unit differs)"
-            )));
+            let (key, nearest) = (format!("{name}.{key}"), (*nearest).to_owned());
+            return Err(ModelFileError::UnknownKey { key, nearest }.into());
         }
     }
-    table.try_into().map_err(|e: toml::de::Error| file_error(format!("[{name}]: {}", e.to_string().trim())))
+    table.try_into().map_err(|error: toml::de::Error| {
+        ModelFileError::Table { table: name.to_owned(), message: error.to_string().trim().to_owned() }.into()
+    })
 }
 
 /// The error for a drive that does not match the parameters; `needed` names the parameters that would.
 fn drive_error(drive: Option<DriveKind>, needed: &str) -> Error {
-    let drive = drive.map_or("absent".to_owned(), |d| format!("\"{d}\""));
-    file_error(format!("drive is {drive}, so parameters must contain {needed}"))
+    ModelFileError::OtherDrive { drive, needed: needed.to_owned() }.into()
 }
 
-fn file_error(message: String) -> Error {
-    Error::ModelFile { message }
+fn missing(key: String) -> Error {
+    ModelFileError::MissingKey { key }.into()
+}
+
+fn not_a_number(key: String, found: &toml::Value) -> Error {
+    ModelFileError::WrongType { key, found: found.to_string(), expected: "a number" }.into()
+}
+
+/// The line of `text`, from 1, that holds its byte `at`.
+fn line_at(text: &str, at: usize) -> usize {
+    1 + text.bytes().take(at).filter(|byte| *byte == b'\n').count()
 }
 
 #[cfg(test)]

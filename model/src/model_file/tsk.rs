@@ -14,8 +14,8 @@
 //! ```
 
 use super::law::Value;
-use super::{drive_error, file_error, table_into};
-use crate::error::Error;
+use super::{drive_error, missing, table_into};
+use crate::error::{Error, ModelFileError};
 use crate::force::{Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind, TskSet};
 use crate::sample::DriveKind;
 use serde::{Deserialize, Serialize};
@@ -103,17 +103,20 @@ pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table)
         "first" => Order::First,
         "constant" => Order::Constant,
         other => {
-            return Err(file_error(format!(
-                "parameters.order is \"{other}\", but must be first or constant"
-            )));
+            return Err(ModelFileError::UnknownWord {
+                key: "parameters.order".to_owned(),
+                found: other.to_owned(),
+                expected: "first or constant",
+            }
+            .into());
         }
     };
     let named = |name: &String| {
-        signals.iter().find(|signal| signal.name() == name).copied().ok_or_else(|| {
-            file_error(format!(
-                "parameters.inputs holds \"{name}\", but inputs must be displacement, velocity, acceleration or drive"
-            ))
-        })
+        signals
+            .iter()
+            .find(|signal| signal.name() == name)
+            .copied()
+            .ok_or_else(|| Error::from(ModelFileError::UnknownInput { input: name.clone() }))
     };
     let inputs: Vec<TskInput> =
         p.inputs.iter().map(|name| input(named(name)?, &p.values)).collect::<Result<_, Error>>()?;
@@ -121,9 +124,7 @@ pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table)
         let own = |name: &String| key.starts_with(&format!("{name}_"));
         !p.inputs.iter().any(own)
     }) {
-        return Err(file_error(format!(
-            "parameters.{foreign} belongs to no input; add the input or remove the key"
-        )));
+        return Err(ModelFileError::NoInput { key: format!("parameters.{foreign}") }.into());
     }
     let width = order.width(inputs.len());
     if let Some((rule, conclusion)) = p.conclusions.iter().enumerate().find(|(_, c)| c.len() != width) {
@@ -146,22 +147,24 @@ fn signals(drive: Option<DriveKind>) -> Vec<Signal> {
 fn input(signal: Signal, values: &BTreeMap<String, Value>) -> Result<TskInput, Error> {
     let (name, unit) = (signal.name(), signal.unit_suffix());
     let list = |key: String| {
-        let value = values.get(&key).ok_or_else(|| file_error(format!("parameters.{key} is missing")))?;
-        Ok(value.as_slice())
+        let value = values.get(&key).ok_or_else(|| missing(format!("parameters.{key}")))?;
+        Ok::<_, Error>(value.as_slice())
     };
     let one = |key: String| match values.get(&key) {
         Some(Value::One(value)) => Ok(*value),
-        Some(Value::Many(_)) => Err(file_error(format!("parameters.{key} is a list, but must be a number"))),
-        None => Err(file_error(format!("parameters.{key} is missing"))),
+        Some(Value::Many(_)) => Err(Error::from(ModelFileError::WrongType {
+            key: format!("parameters.{key}"),
+            found: "a list".to_owned(),
+            expected: "a number",
+        })),
+        None => Err(missing(format!("parameters.{key}"))),
     };
     let shape = match (
         values.contains_key(&format!("{name}_centres")),
         values.contains_key(&format!("{name}_peaks")),
     ) {
         (true, true) => {
-            return Err(file_error(format!(
-                "parameters contain both {name}_centres and {name}_peaks; an input has either Gaussians or triangles"
-            )));
+            return Err(ModelFileError::TwoShapes { input: name }.into());
         }
         (_, false) => Shape::Gaussian,
         (false, true) => Shape::Triangle,

@@ -49,7 +49,7 @@ pub use settings::{Settings, UseForce};
 pub use setup::PipelineSetup;
 
 use crate::condition::{ForceAligner, Hold};
-use crate::error::Error;
+use crate::error::{Error, PipelineError};
 use crate::model::Model;
 use crate::sample::{Reading, Sample, Stamp};
 use crate::uncertainty::Operating;
@@ -89,27 +89,15 @@ impl Models {
     /// When `seeded` is not autoregressive in force, has effects, or needs another kind of drive than the free-run model.
     pub fn with_seeded(self, seeded: Model) -> Result<Self, Error> {
         if seeded.force.force_fed_period().is_none() {
-            return Err(Error::Data {
-                message: format!(
-                    "arx_model is a {} model, which cannot be seeded with measured force; give an arx model",
-                    seeded.force.name()
-                ),
-            });
+            return Err(PipelineError::NotSeedable { model: seeded.force.name() }.into());
         }
         if !seeded.effects.is_empty() {
-            return Err(Error::Data {
-                message:
-                    "arx_model has effects, but measured force already contains them; remove them from its \
-                          file, or give the file as model"
-                        .to_owned(),
-            });
+            return Err(PipelineError::SeededWithEffects.into());
         }
         if let (Some(free), Some(arx)) = (self.free.force.drive(), seeded.force.drive())
             && free != arx
         {
-            return Err(Error::Data {
-                message: format!("arx_model needs {arx}, but model needs {free}; use the same drive"),
-            });
+            return Err(PipelineError::DifferentDrives { free, seeded: arx }.into());
         }
         Ok(Self { seeded: Some(seeded), ..self })
     }

@@ -479,7 +479,7 @@ impl MeasuredForce<'_> {
 /// coefficients would no longer fit.
 fn refuse_filtered_arx(model: &Model) -> Result<(), Error> {
     if model.force.force_fed_period().is_some() && model.conditioning.apply_to == ApplyTo::Output {
-        return Err(Error::output_filter_on_force_fed(model.force.name()));
+        return Err(Error::OutputFilter { model: model.force.name() });
     }
     Ok(())
 }

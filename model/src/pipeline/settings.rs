@@ -3,7 +3,7 @@
 use super::mode::Mode;
 use super::plausible::Plausible;
 use crate::condition::ApplyTo;
-use crate::error::Error;
+use crate::error::{Error, PipelineError};
 use crate::inverse::{ControlLaw, Limits, Method};
 use crate::model::Model;
 
@@ -102,12 +102,7 @@ impl Settings {
     /// Names the setting, its value and its range.
     pub fn validate(&self) -> Result<(), Error> {
         if let Some(mode @ (Mode::ArxCoast | Mode::Hold)) = self.only_mode {
-            return Err(Error::Data {
-                message: format!(
-                    "mode {} is temporary and cannot be the only one; use arx, model or fault",
-                    mode.name()
-                ),
-            });
+            return Err(PipelineError::TemporaryMode { mode: mode.name() }.into());
         }
         let positive = |s: f64| s > 0.0 && s <= 3600.0;
         for (name, value) in [

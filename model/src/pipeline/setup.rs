@@ -6,7 +6,7 @@
 use super::Models;
 use super::model_channel::{FreeRunChannel, SeededChannel};
 use super::settings::Settings;
-use crate::error::Error;
+use crate::error::{Error, PipelineError};
 use crate::inverse::{InverseController, Method};
 
 /// Models and settings that have been checked against each other.
@@ -32,12 +32,18 @@ impl PipelineSetup {
         let controller = match InverseController::with_method(&models.free, settings.limits, settings.method)
         {
             Err(why) if settings.law.needs_inverse() => {
-                return Err(Error::Data { message: format!("law {}: {why}", settings.law.name()) });
+                return Err(PipelineError::LawWithoutInverse {
+                    law: settings.law.name(),
+                    error: Box::new(why),
+                }
+                .into());
             }
             Err(why) if settings.method != Method::Search => {
-                return Err(Error::Data {
-                    message: format!("inverse.method {}: {why}", settings.method.name()),
-                });
+                return Err(PipelineError::MethodWithoutInverse {
+                    method: settings.method.name(),
+                    error: Box::new(why),
+                }
+                .into());
             }
             Err(_) => InverseController::without_inverse(settings.limits)?,
             Ok(controller) => controller,

@@ -67,7 +67,7 @@ pub fn names() -> Vec<String> {
 /// The preset `name`.
 ///
 /// # Errors
-/// [`Error::UnknownPreset`] with the most similar name; [`Error::Data`] with the reason if `name` is a
+/// [`Error::UnknownPreset`] with the most similar name; [`Error::PhaseRelation`] with the reason if `name` is a
 /// phase-transition relation.
 pub fn load(name: &str) -> Result<Model, Error> {
     if let Some(relation) = find_phase(name) {
@@ -103,14 +103,11 @@ fn find_phase(name: &str) -> Option<Phase> {
 
 /// The error for a relation that was named as a model.
 fn cannot_run(name: &str, relation: &Phase) -> Error {
-    let at = if relation.drive().is_some() { "at 0 A, " } else { "" };
-    let why = relation.cannot_run(0.0).map(|why| format!("; {at}{why}")).unwrap_or_default();
-    Error::Data {
-        message: format!(
-            "{name} cannot run as a model: it computes the force from the measured force of the same instant{why}. \
-             `mr-damper compare` shows how well p holds on runs; the most similar preset that runs is {}",
-            name.replacen("/p-", "/sp-", 1)
-        ),
+    Error::PhaseRelation {
+        name: name.to_owned(),
+        why: relation.cannot_run(0.0),
+        drive: relation.drive().map(|_| 0.0),
+        nearest: name.replacen("/p-", "/sp-", 1),
     }
 }
 

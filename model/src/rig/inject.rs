@@ -7,7 +7,7 @@
 use super::channel::Channels;
 use super::plant::{Plant, ValveForm};
 use super::second_order::SecondOrder;
-use crate::Error;
+use crate::error::{Error, RigError};
 
 /// An effect that can be injected.
 #[derive(Debug, Clone, Copy)]
@@ -198,18 +198,17 @@ pub const EFFECTS: [Effect; 22] = [
 /// Injects the effect called `id` into plant and channels, with `size` in its unit.
 ///
 /// # Errors
-/// [`Error::Data`] if the id is not known (with a list of all ids) or the size is out of range; [`Error::OutOfRange`] if the plant cannot
+/// [`RigError::UnknownInjection`]; [`RigError::InjectionSize`]; [`Error::OutOfRange`] if the plant cannot
 /// be integrated with it.
 pub fn inject(id: &str, size: f64, plant: &mut Plant, channels: &mut Channels) -> Result<(), Error> {
     let Some(effect) = EFFECTS.iter().find(|effect| effect.id == id) else {
         let known: Vec<&str> = EFFECTS.iter().map(|effect| effect.id).collect();
-        let message = format!("the rig has no effect \"{id}\"; it has {}", known.join(", "));
-        return Err(Error::Data { message });
+        return Err(RigError::UnknownInjection { id: id.to_owned(), known }.into());
     };
     let (low, high) = effect.range;
     if !(low..=high).contains(&size) {
-        let message = format!("effect {id} is {size} {}, but must be {low} to {high}", effect.unit);
-        return Err(Error::Data { message });
+        let (id, unit) = (effect.id, effect.unit);
+        return Err(RigError::InjectionSize { id, size, unit, range: [low, high] }.into());
     }
     (effect.apply)(plant, channels, size);
     plant.check()?;

@@ -6,16 +6,16 @@ use std::f64::consts::TAU;
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
-fn thesis(name: &str) -> Result<Experiment, String> {
-    Experiment::thesis(name).ok_or_else(|| format!("no experiment {name}"))
+fn thesis(name: &str) -> Experiment {
+    Experiment::thesis(name).expect("an experiment of the thesis")
 }
 
-fn force(run: &Run) -> Result<&[f64], String> {
-    run.force_n.as_ref().map(|trace| trace.values.as_slice()).ok_or_else(|| "no force".to_owned())
+fn force(run: &Run) -> &[f64] {
+    run.force_n.as_ref().expect("the rig records force").values.as_slice()
 }
 
-fn drive(run: &Run) -> Result<&[f64], String> {
-    run.drive.as_ref().map(|(_, trace)| trace.values.as_slice()).ok_or_else(|| "no drive".to_owned())
+fn drive(run: &Run) -> &[f64] {
+    run.drive.as_ref().expect("the rig records a drive").1.values.as_slice()
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -80,21 +80,20 @@ fn force_over_velocity_is_close_to_the_thesis_damper() {
 }
 
 #[test]
-fn force_on_a_road_has_the_thesis_standard_deviation() -> Outcome {
+fn force_on_a_road_has_the_thesis_standard_deviation() {
     // The thesis has 93.7 lbf for RP-ICPS. Single roads scatter by about 7 %, so the mean of eight variances is compared.
     let mut variance = 0.0;
     for seed in 0..8 {
-        let run = record(&thesis("RP-ICPS")?, &Plant::default(), &Channels::default(), seed);
-        let force = std(force(&run)?);
+        let run = record(&thesis("RP-ICPS"), &Plant::default(), &Channels::default(), seed);
+        let force = std(force(&run));
         assert!((force / 416.8 - 1.0).abs() < 0.15, "seed {seed}: {force} N");
         variance += force * force / 8.0;
     }
     assert!((variance.sqrt() / 416.8 - 1.0).abs() < 0.05, "{} N", variance.sqrt());
-    Ok(())
 }
 
 #[test]
-fn every_experiment_has_about_the_force_of_the_thesis() -> Outcome {
+fn every_experiment_has_about_the_force_of_the_thesis() {
     // In lbf. The long experiments take too long for a test; the example `rig_calibration` prints them.
     for (name, expected_lbf, seeds) in [
         ("RP-ICPS", 93.67, 8),
@@ -106,18 +105,17 @@ fn every_experiment_has_about_the_force_of_the_thesis() -> Outcome {
     ] {
         let mut variance = 0.0;
         for seed in 0..seeds {
-            let run = record(&thesis(name)?, &Plant::default(), &Channels::default(), seed);
-            variance += std(force(&run)?).powi(2) / seeds as f64;
+            let run = record(&thesis(name), &Plant::default(), &Channels::default(), seed);
+            variance += std(force(&run)).powi(2) / seeds as f64;
         }
         let off = variance.sqrt() / N_PER_LBF / expected_lbf - 1.0;
         assert!(off.abs() < if seeds == 8 { 0.06 } else { 0.12 }, "{name}: {:.1} %", 100.0 * off);
     }
-    Ok(())
 }
 
 #[test]
 fn a_servo_delays_the_actuator_and_logs_its_set_point() -> Outcome {
-    let ideal = thesis("RP-ICPS")?.with_duration_s(10.0);
+    let ideal = thesis("RP-ICPS").with_duration_s(10.0);
     let run = record(
         &ideal.clone().with_servo(SecondOrder::SERVO),
         &Plant::default(),
@@ -140,27 +138,26 @@ fn a_servo_delays_the_actuator_and_logs_its_set_point() -> Outcome {
 }
 
 #[test]
-fn channel_filters_delay_their_own_channel_only() -> Outcome {
+fn channel_filters_delay_their_own_channel_only() {
     let filter = Some(SecondOrder::with_delay_s(0.01));
-    let experiment = thesis("RP-ICPS")?.with_duration_s(10.0);
+    let experiment = thesis("RP-ICPS").with_duration_s(10.0);
     let run = |channels| record(&experiment, &Plant::default(), &channels, 1);
     let plain = run(Channels::PERFECT);
     let slow = run(Channels { force_filter: filter, ..Channels::PERFECT });
     assert_eq!((&plain.displacement_m, &plain.drive), (&slow.displacement_m, &slow.drive));
     let late = |by: usize| {
-        let (before, after) = (force(&plain).unwrap_or_default(), force(&slow).unwrap_or_default());
+        let (before, after) = (force(&plain), force(&slow));
         std(&difference(&before[..before.len() - by], &after[by..]))
     };
     assert!(late(5) < late(0) && late(5) < late(12));
     let slow = run(Channels { displacement_filter: filter, current_filter: filter, ..Channels::PERFECT });
     assert!(plain.force_n == slow.force_n && plain.drive != slow.drive);
     assert_ne!(plain.displacement_m, slow.displacement_m);
-    Ok(())
 }
 
 #[test]
-fn a_recording_can_be_cancelled() -> Outcome {
-    let experiment = thesis("RP-ICPS")?;
+fn a_recording_can_be_cancelled() {
+    let experiment = thesis("RP-ICPS");
     let mut seen = Vec::new();
     let run = record_while(&experiment, &Plant::default(), &Channels::default(), 1, &mut |done_s| {
         seen.push(done_s);
@@ -176,7 +173,6 @@ fn a_recording_can_be_cancelled() -> Outcome {
         calls < 5
     });
     assert_eq!((run, calls), (None, 5));
-    Ok(())
 }
 
 #[test]
@@ -185,7 +181,7 @@ fn every_paper_experiment_runs() -> Outcome {
         let experiment = Experiment::paper1(name).ok_or("a known name")?;
         experiment.check()?;
         let run = record(&experiment.with_duration_s(14.0), &Plant::default(), &Channels::default(), 1);
-        let (force, x) = (force(&run)?, &run.displacement_m.values);
+        let (force, x) = (force(&run), &run.displacement_m.values);
         // Displacement within the bench's range of 40 mm, and forces typical of a damper of this size.
         assert!(x.iter().all(|x| x.abs() <= 0.0205), "{name}");
         assert!((50.0..2000.0).contains(&std(force)), "{name}: {} N", std(force));
@@ -232,18 +228,17 @@ fn low_pass(x: &[f64]) -> Vec<f64> {
 }
 
 #[test]
-fn the_thesis_model_predicts_the_plant_about_as_well_as_its_own_damper() -> Outcome {
+fn the_thesis_model_predicts_the_plant_about_as_well_as_its_own_damper() {
     // The thesis' cross-validation has a mean NMSE (thesis: ESR) of 0.099. The model was not fitted to the plant.
     for seed in 0..4 {
-        let run = record(&thesis("RP-ICPS")?, &Plant::default(), &Channels::default(), seed);
-        let (force, current, x) = (force(&run)?, drive(&run)?, low_pass(&run.displacement_m.values));
+        let run = record(&thesis("RP-ICPS"), &Plant::default(), &Channels::default(), seed);
+        let (force, current, x) = (force(&run), drive(&run), low_pass(&run.displacement_m.values));
         let error: Vec<f64> = (1..x.len())
             .map(|k| force[k] - fuzzy_n(x[k], (x[k] - x[k - 1]) * signal::RATE_HZ, current[k]))
             .collect();
         let esr = error.iter().map(|e| e * e).sum::<f64>() / error.len() as f64 / std(force).powi(2);
         assert!((0.08..0.13).contains(&esr), "seed {seed}: NMSE {esr}");
     }
-    Ok(())
 }
 
 #[test]
@@ -262,8 +257,8 @@ fn the_damper_dissipates_energy_and_its_heat_is_that_energy() {
 }
 
 #[test]
-fn halving_the_sub_step_changes_the_force_little() -> Outcome {
-    let experiment = thesis("RP-ICPS")?;
+fn halving_the_sub_step_changes_the_force_little() {
+    let experiment = thesis("RP-ICPS");
     let motion = experiment.displacement.motion(15360, &mut stream(1, Purpose::Displacement));
     let command = experiment.current.command_a(15360, &mut stream(1, Purpose::Current));
     let everything = Plant::default().with_friction_n(50.0).with_gas_spring(100.0, 5e3);
@@ -273,33 +268,30 @@ fn halving_the_sub_step_changes_the_force_little() -> Outcome {
         let change = std(&difference(&whole, &half)) / std(&whole);
         assert!(change < 5e-4, "{change}");
     }
-    Ok(())
 }
 
 #[test]
-fn the_same_seed_gives_the_same_run_and_different_seeds_differ() -> Outcome {
-    let experiment = thesis("RP-APRBS")?.with_duration_s(3.0);
+fn the_same_seed_gives_the_same_run_and_different_seeds_differ() {
+    let experiment = thesis("RP-APRBS").with_duration_s(3.0);
     let run = |seed| record(&experiment, &Plant::default(), &Channels::default(), seed);
     assert_eq!(run(7), run(7));
     assert_ne!(run(7).displacement_m, run(8).displacement_m);
     assert_ne!(run(7).drive, run(8).drive);
-    Ok(())
 }
 
 #[test]
-fn replicates_share_their_excitation_but_not_their_noise() -> Outcome {
-    let experiment = thesis("RP-APRBS")?.with_duration_s(3.0).with_pattern(5);
+fn replicates_share_their_excitation_but_not_their_noise() {
+    let experiment = thesis("RP-APRBS").with_duration_s(3.0).with_pattern(5);
     let clean = |seed| record(&experiment, &Plant::default(), &Channels::PERFECT, seed);
     assert_eq!(clean(1).force_n, clean(2).force_n);
     let noisy = |seed| record(&experiment, &Plant::default(), &Channels::default(), seed);
-    let residue = std(&difference(force(&noisy(1))?, force(&noisy(2))?));
+    let residue = std(&difference(force(&noisy(1)), force(&noisy(2))));
     assert!((residue / (3.0 * 2f64.sqrt()) - 1.0).abs() < 0.1, "{residue}");
-    Ok(())
 }
 
 #[test]
-fn each_channel_has_its_noise() -> Outcome {
-    let experiment = thesis("RP-ICPS")?;
+fn each_channel_has_its_noise() {
+    let experiment = thesis("RP-ICPS");
     let noisy = record(&experiment, &Plant::default(), &Channels::default(), 3);
     let clean = record(&experiment, &Plant::default(), &Channels::PERFECT, 3);
     let near =
@@ -316,14 +308,13 @@ fn each_channel_has_its_noise() -> Outcome {
     let off = (1..x.len() - 1).map(|k| (x[k + 1] - x[k - 1]) * signal::RATE_HZ / 2.0 - exact[k]);
     assert!(off.fold(0.0, |most: f64, off| most.max(off.abs())) < 1e-3);
     near(std(&difference(&noisy.displacement_m.values, &clean.displacement_m.values)), 3e-6);
-    near(std(&difference(drive(&noisy)?, drive(&clean)?)), 2e-3);
-    near(std(&difference(force(&noisy)?, force(&clean)?)), 3.0);
-    Ok(())
+    near(std(&difference(drive(&noisy), drive(&clean))), 2e-3);
+    near(std(&difference(force(&noisy), force(&clean))), 3.0);
 }
 
 #[test]
 fn a_run_has_stamps_at_512_hz_and_a_slow_case_temperature() -> Outcome {
-    let run = record(&thesis("RP-ICPS")?, &Plant::default(), &Channels::default(), 0);
+    let run = record(&thesis("RP-ICPS"), &Plant::default(), &Channels::default(), 0);
     assert_eq!(run.displacement_m.len(), 15360);
     let seconds = run.duration().get();
     assert!((seconds - 15359.0 / 512.0).abs() < 1e-9, "{seconds} s");
@@ -334,7 +325,7 @@ fn a_run_has_stamps_at_512_hz_and_a_slow_case_temperature() -> Outcome {
     let rise = case.values[case.len() - 1] - case.values[0];
     assert!((0.5..4.0).contains(&rise), "{rise} K");
     assert_eq!(
-        record(&thesis("RP-ICPS")?.with_duration_s(0.0), &Plant::default(), &Channels::PERFECT, 0)
+        record(&thesis("RP-ICPS").with_duration_s(0.0), &Plant::default(), &Channels::PERFECT, 0)
             .displacement_m
             .len(),
         0
@@ -356,15 +347,14 @@ fn the_coil_has_separate_lags_for_rise_and_fall() {
 }
 
 #[test]
-fn the_lag_is_in_the_force_but_not_in_the_measured_current() -> Outcome {
-    let experiment = thesis("RP-ICPS")?;
+fn the_lag_is_in_the_force_but_not_in_the_measured_current() {
+    let experiment = thesis("RP-ICPS");
     let run = |plant| record(&experiment, &plant, &Channels::PERFECT, 1);
     let (lagging, prompt) = (run(Plant::default()), run(Plant::default().with_coil_lag_s(0.0)));
     assert_eq!(lagging.drive, prompt.drive);
-    let change = std(&difference(force(&lagging)?, force(&prompt)?));
+    let change = std(&difference(force(&lagging), force(&prompt)));
     // Far above the noise of 3 N, so a diagnosis can find it.
     assert!((20.0..80.0).contains(&change), "{change} N");
-    Ok(())
 }
 
 #[test]
@@ -449,7 +439,7 @@ fn a_seed_still_gives_the_recorded_run() {
     let more = Channels::default().with_ambient().with_velocity(1e-4);
     for (valve, plant) in &plants {
         for name in Experiment::names() {
-            add(name, valve, plant, &more, thesis(name).expect("a known name"));
+            add(name, valve, plant, &more, thesis(name));
         }
         for name in Experiment::paper1_names() {
             let experiment = Experiment::paper1(name).expect("a known name");
@@ -460,10 +450,10 @@ fn a_seed_still_gives_the_recorded_run() {
             let (low, high) = effect.range;
             inject::inject(effect.id, low + 0.05 * (high - low), &mut plant, &mut channels)
                 .expect("a size in its range");
-            add(effect.id, valve, &plant, &channels, thesis("RP3-CS").expect("a known name"));
+            add(effect.id, valve, &plant, &channels, thesis("RP3-CS"));
         }
     }
-    let servo = thesis("RP-ICPS").expect("a known name").with_servo(SecondOrder::with_delay_s(0.01));
+    let servo = thesis("RP-ICPS").with_servo(SecondOrder::with_delay_s(0.01));
     add("servo", "default", &Plant::default(), &Channels::default(), servo);
     insta::assert_snapshot!(all);
 }

@@ -48,7 +48,7 @@
 
 mod table;
 
-use crate::error::Error;
+use crate::error::{Error, ModelFileError, UncertaintyProblem};
 use serde::{Deserialize, Serialize};
 use table::UncertaintyTable;
 
@@ -311,8 +311,8 @@ impl Uncertainty {
 }
 
 /// The error of [`crate::model_file`] for an invalid uncertainty table.
-fn refused(name: &str, what: impl std::fmt::Display) -> Error {
-    Error::ModelFile { message: format!("expected.uncertainty.{name} {what}") }
+fn refused(key: &str, problem: UncertaintyProblem) -> Error {
+    ModelFileError::Uncertainty { key: key.to_owned(), problem: Box::new(problem) }.into()
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@
 //! ```
 
 use super::{Bands, DRIVES, Edges, Growth, OneStep, SPEEDS, TIMES, Uncertainty, Width, refused};
-use crate::error::Error;
+use crate::error::{Error, UncertaintyProblem};
 use serde::{Deserialize, Serialize};
 
 /// The complete table.
@@ -75,10 +75,7 @@ impl TryFrom<UncertaintyTable> for Uncertainty {
 
     fn try_from(table: UncertaintyTable) -> Result<Self, Error> {
         if table.free_run.as_ref().is_some_and(|free_run| free_run.coasting.is_some()) {
-            return Err(refused(
-                "free_run.coasting",
-                "must be absent, because only one_step coasts; remove it",
-            ));
+            return Err(refused("free_run.coasting", UncertaintyProblem::Superfluous));
         }
         let free_run = table.free_run.map(|free_run| free_run.bands("free_run")).transpose()?;
         let one_step = match &table.one_step {
@@ -88,12 +85,12 @@ impl TryFrom<UncertaintyTable> for Uncertainty {
                 coasting: one_step
                     .coasting
                     .as_ref()
-                    .ok_or_else(|| refused("one_step.coasting", "is missing"))?
+                    .ok_or_else(|| refused("one_step.coasting", UncertaintyProblem::Missing))?
                     .growth("one_step.coasting")?,
             }),
         };
         if free_run.is_none() && one_step.is_none() {
-            return Err(refused("free_run", "is missing, and so is one_step; remove the empty table"));
+            return Err(refused("free_run", UncertaintyProblem::Empty));
         }
         Ok(Self { free_run, one_step })
     }
@@ -126,7 +123,7 @@ impl BandsTable {
         if let Some(first) = self.speed_edges_m_s.first().filter(|edge| **edge <= 0.0) {
             return Err(refused(
                 &format!("{name}.speed_edges_m_s"),
-                format!("has {first}, but speeds must be above 0"),
+                UncertaintyProblem::SpeedEdge { edge_m_s: *first },
             ));
         }
         let drive_edges = edges(&format!("{name}.drive_edges"), &self.drive_edges)?;
@@ -142,10 +139,7 @@ impl BandsTable {
         let held = format!("{name}.drive_held");
         let drive_held = self.drive_held.as_ref().map(|table| table.growth(&held)).transpose()?;
         if drive_held.is_none() && !self.drive_edges.is_empty() {
-            return Err(refused(
-                &held,
-                "is missing, but drive_edges are given; add it, or make drive_edges empty",
-            ));
+            return Err(refused(&held, UncertaintyProblem::MissingGrowth));
         }
         Ok(Bands { speed_edges_m_s, drive_edges, width_n, drive_held })
     }
@@ -183,9 +177,11 @@ fn lists(growth: &Growth) -> [Vec<f64>; 3] {
 
 fn edges<const N: usize>(name: &str, values: &[f64]) -> Result<Edges<N>, Error> {
     if values.len() > N {
-        return Err(refused(name, format!("has {} values, but at most {N} are allowed", values.len())));
+        return Err(refused(name, UncertaintyProblem::Count { found: values.len(), least: 0, most: N }));
     }
-    Edges::new(values).ok_or_else(|| refused(name, format!("is {values:?}, but must increase and be finite")))
+    Edges::new(values).ok_or_else(|| {
+        refused(name, UncertaintyProblem::NotIncreasing { values: values.to_vec(), from_zero: false })
+    })
 }
 
 /// A grid of `rows`, padded with zeros to its full size.
@@ -195,20 +191,24 @@ fn grid(
     (speeds, drives): (usize, usize),
 ) -> Result<[[f64; DRIVES]; SPEEDS], Error> {
     if rows.len() != speeds {
-        let needed = format!("has {} rows, but speed_edges_m_s define {speeds}", rows.len());
-        return Err(refused(name, needed));
+        return Err(refused(name, defined_by("speed_edges_m_s", "rows".to_owned(), rows.len(), speeds)));
     }
     let mut filled = [[0.0; DRIVES]; SPEEDS];
     for (i, row) in rows.iter().enumerate() {
         if row.len() != drives {
-            let needed = format!("has {} values in row {i}, but drive_edges define {drives}", row.len());
-            return Err(refused(name, needed));
+            let of = format!("values in row {i}");
+            return Err(refused(name, defined_by("drive_edges", of, row.len(), drives)));
         }
         for (j, value) in row.iter().enumerate() {
             filled[i][j] = at_least(&format!("{name}[{i}][{j}]"), *value, 0.0)?;
         }
     }
     Ok(filled)
+}
+
+/// The size of a list is not the one that the edges in `other` define.
+fn defined_by(other: &str, of: String, found: usize, needed: usize) -> UncertaintyProblem {
+    UncertaintyProblem::Size { found, of, other: other.to_owned(), needs: "define", needed }
 }
 
 /// A growth from lists of equal length. Times must increase; widths start at `base` and never decrease.
@@ -220,34 +220,43 @@ fn growth(
 ) -> Result<Growth, Error> {
     let times_name = format!("{name}.{times_name}");
     if times.is_empty() || times.len() > TIMES {
-        return Err(refused(&times_name, format!("has {} values, but must have 1 to {TIMES}", times.len())));
+        let problem = UncertaintyProblem::Count { found: times.len(), least: 1, most: TIMES };
+        return Err(refused(&times_name, problem));
     }
     if !(times.iter().all(|t| t.is_finite() && *t >= 0.0) && times.windows(2).all(|pair| pair[0] < pair[1])) {
-        return Err(refused(&times_name, format!("is {times:?}, but must increase from 0 or more")));
+        let problem = UncertaintyProblem::NotIncreasing { values: times.to_vec(), from_zero: true };
+        return Err(refused(&times_name, problem));
     }
     for (list, values) in lists {
         let list = format!("{name}.{list}");
         if values.len() != times.len() {
-            let needed = format!("has {} values, but {times_name} has {}", values.len(), times.len());
-            return Err(refused(&list, needed));
+            let problem = UncertaintyProblem::Size {
+                found: values.len(),
+                of: "values".to_owned(),
+                other: times_name,
+                needs: "has",
+                needed: times.len(),
+            };
+            return Err(refused(&list, problem));
         }
         for (k, value) in values.iter().enumerate() {
             at_least(&format!("{list}[{k}]"), *value, if k == 0 { base } else { values[k - 1] })?;
         }
         if values[0] != base {
-            return Err(refused(&format!("{list}[0]"), format!("is {}, but must be {base}", values[0])));
+            let problem = UncertaintyProblem::First { value: values[0], expected: base };
+            return Err(refused(&format!("{list}[0]"), problem));
         }
     }
     let [(_, std_dev), (_, half_band)] = lists;
     let nodes: Vec<(f64, Width)> = (0..times.len())
         .map(|k| (times[k], Width { std_dev: std_dev[k], half_band: half_band[k] }))
         .collect();
-    Growth::new(&nodes).ok_or_else(|| refused(name, "is not a valid table"))
+    Growth::new(&nodes).ok_or_else(|| refused(name, UncertaintyProblem::Invalid))
 }
 
 fn at_least(name: &str, value: f64, least: f64) -> Result<f64, Error> {
     if value.is_finite() && value >= least {
         return Ok(value);
     }
-    Err(refused(name, format!("is {value}, but must be finite and at least {least}")))
+    Err(refused(name, UncertaintyProblem::TooSmall { value, least }))
 }

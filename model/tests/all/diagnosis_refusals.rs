@@ -4,7 +4,8 @@ use crate::diagnosis::cases::spec;
 use crate::diagnosis::outcome::CONDITIONING;
 use mr_damper_model::Error;
 use mr_damper_model::diagnose::{
-    DiagnosisResult, FloorSource, NoInterval, NoiseFloor, Runs, Settings, Verdict, close,
+    DiagnosisError, DiagnosisResult, FloorSource, NoInterval, NoiseFloor, Refusal, Runs, Settings, Verdict,
+    close,
 };
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
 use mr_damper_model::model::Model;
@@ -30,30 +31,36 @@ fn closed(estimate: &[Dataset], confirm: &[Dataset], test: &[Dataset]) -> Result
     close(&LAGGING.1, &runs, &Settings::default(), &Watch::none(), &|_| {})
 }
 
-fn message(result: Result<DiagnosisResult, Error>) -> String {
-    result.err().map(|error| error.to_string()).unwrap_or_default()
+/// Why the diagnosis was refused.
+fn refused(result: Result<DiagnosisResult, Error>) -> DiagnosisError {
+    match result {
+        Err(Error::Diagnosis(refused)) => refused,
+        other => panic!("{other:?}"),
+    }
 }
 
 #[test]
 fn missing_repeated_short_and_differently_conditioned_runs_are_rejected() {
     let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
     let one = std::slice::from_ref;
-    let none = message(closed(one(&estimate), &[], one(&test)));
-    assert!(none.contains("no validation run"), "{none}");
-    let none = message(closed(&[], one(&confirm), one(&test)));
-    assert!(none.contains("no training runs"), "{none}");
+    assert_eq!(refused(closed(one(&estimate), &[], one(&test))), DiagnosisError::NoValidationRun);
+    assert_eq!(refused(closed(&[], one(&confirm), one(&test))), DiagnosisError::NoTrainingRuns);
     // Runs are compared by content: another name does not make another run.
     let twin = Dataset { name: "another name".to_owned(), ..estimate.clone() };
-    for (confirm, test) in [(&twin, &test), (&confirm, &twin)] {
-        let twice = message(closed(one(&estimate), one(confirm), one(test)));
-        assert!(twice.contains("same data") && twice.contains("another name"), "{twice}");
+    for (role, confirm, test) in [("confirm", &twin, &test), ("test", &confirm, &twin)] {
+        let twice = refused(closed(one(&estimate), one(confirm), one(test)));
+        let runs = [twin.name.clone(), estimate.name.clone()];
+        assert_eq!(twice, DiagnosisError::SameRun { roles: [role, "estimate"], runs });
     }
     let short = rows(&LAGGING.0[0].between(Stamp::from_nanos(0), Stamp::from_nanos(9_000_000_000)));
-    let short = message(closed(one(&short), one(&confirm), one(&test)));
-    assert!(short.contains("3 blocks of 3 s") && short.contains("18 s of motion"), "{short}");
+    let short = refused(closed(one(&short), one(&confirm), one(&test)));
+    let expected = DiagnosisError::TooShort { blocks: 3, needed_blocks: 6, block_s: 3.0, needed_s: 18.0 };
+    assert_eq!(short, expected);
+    let sentence = short.to_string();
+    assert!(sentence.contains("3 blocks of 3 s") && sentence.contains("18 s of motion"), "{sentence}");
     let otherwise = Dataset::from_run(&LAGGING.0[1], &Default::default(), &DatasetOptions::default());
-    let otherwise = message(closed(one(&estimate), one(&otherwise.expect("rows")), one(&test)));
-    assert!(otherwise.contains("not conditioned as the base model"), "{otherwise}");
+    let otherwise = refused(closed(one(&estimate), one(&otherwise.expect("rows")), one(&test)));
+    assert_eq!(otherwise, DiagnosisError::OtherConditioning { run: confirm.name });
 }
 
 #[test]
@@ -65,7 +72,7 @@ fn a_missing_channel_makes_an_effect_untestable_but_not_rejected() -> Result<(),
     let found = closed(one(&estimate), one(&confirm), one(&test))?;
     let fade = found.untestable.iter().find(|refused| refused.effect.id() == "thermal_fade");
     let why = &fade.expect("it is listed").why;
-    assert!(why.contains(&confirm.name) && why.contains("case_temp_c"), "{why}");
+    assert_eq!(*why, Refusal::MissingChannel { run: confirm.name, channel: "case_temp_c" });
     assert!(found.refused.iter().all(|refused| refused.effect.id() != "thermal_fade"));
     assert!(found.effects.iter().any(|named| named.effect.effect().id() == "coil_lag"), "{found:?}");
     Ok(())
@@ -126,9 +133,12 @@ fn noise_from_replicates_and_from_a_single_run_agree() -> Result<(), Error> {
     assert_eq!((declared.source, declared.rsse_n), (FloorSource::Declared, 7.0));
     // Runs with different displacements are rejected as replicates, and so is a single run.
     let strangers = floor(&[replicates[0].clone(), confirm[0].clone()], None);
-    assert!(strangers.is_err_and(|why| why.to_string().contains("differ by more than 10 %")));
+    assert!(matches!(
+        strangers,
+        Err(Error::Diagnosis(DiagnosisError::DifferentMotion { difference, most: 0.1, .. })) if difference > 0.1
+    ));
     let alone = floor(&replicates[..1], None);
-    assert!(alone.is_err_and(|why| why.to_string().contains("one run alone is not a set of replicates")));
+    assert!(matches!(alone, Err(Error::Diagnosis(DiagnosisError::OneReplicate { .. }))));
     Ok(())
 }
 
@@ -166,7 +176,8 @@ fn a_low_sample_rate_makes_the_noise_floor_unknown_and_hides_no_effect() -> Resu
     // At 64 Hz another structure may fit better; then the effect is withdrawn with that reason.
     for found in [fast, slow] {
         let named = found.effects.iter().map(|named| named.effect.effect().id());
-        let refused = found.refused.iter().filter(|refused| refused.why.contains("the base is inadequate"));
+        let refused =
+            found.refused.iter().filter(|refused| matches!(refused.why, Refusal::BaseInadequate(_)));
         let mut seen = named.chain(refused.map(|refused| refused.effect.id()));
         assert!(seen.any(|id| id == "coil_lag"), "{:?}", found.refused);
     }

@@ -229,7 +229,7 @@ fn runs_that_cannot_be_fitted_are_rejected_with_the_reason() {
     let text = refused(&[made(8.0)], &output);
     assert!(text.contains("apply_to = inputs or none, not output"), "{text}");
     let text = refused(&[made(0.2)], &options(VelocitySource::Backward));
-    assert!(text.contains("too few for 12 arx coefficients"), "{text}");
+    assert!(text.contains("too few for the 12 coefficients of arx"), "{text}");
     let text = refused(&[Run { drive: None, ..made(8.0) }], &options(VelocitySource::Backward));
     assert!(text.contains("has no current_a or command_v"), "{text}");
     let dead = run(Recipe::default(), KIND, |_, _, _| 5.0);

@@ -194,7 +194,7 @@ fn runs_that_cannot_be_identified_are_rejected_with_the_reason() {
 
     let level = run(Recipe { drive: |_| 0.5, ..Recipe::default() }, KIND, |_, v, _| 900.0 * v);
     let message = error(Form::SemiActive, level, &options());
-    assert!(message.contains("one level of current_a, 0.500") && message.contains("passive"), "{message}");
+    assert!(message.contains("current_a is 0.5 throughout") && message.contains("passive"), "{message}");
 
     let still = run(Recipe::default(), KIND, |_, _, _| 12.0);
     let message = error(Form::Passive, still, &options());
@@ -202,7 +202,7 @@ fn runs_that_cannot_be_identified_are_rejected_with_the_reason() {
 
     let short = run(Recipe { duration_s: 0.02, ..Recipe::default() }, KIND, |_, v, _| 900.0 * v);
     let message = error(Form::Passive, short, &options());
-    assert!(message.contains("are too few for 5 parameters"), "{message}");
+    assert!(message.contains("are too few for the 5 parameters of sp"), "{message}");
 
     let mut constant = made();
     constant.displacement_m.values.fill(0.01);

@@ -128,11 +128,11 @@ fn runs_without_enough_information_are_rejected_or_give_a_warning() {
         identified(form, &[run], options).expect_err("refused").to_string()
     };
     let held = error(Form::SemiActive, made(Recipe { drive: |_| 0.5, ..recipe }), &options());
-    assert!(held.contains("one level of current_a"), "{held}");
+    assert!(held.contains("current_a is 0.5 throughout"), "{held}");
     let blind = error(Form::SemiActive, Run { drive: None, ..made(recipe) }, &options());
     assert!(blind.contains("has no current_a or command_v"), "{blind}");
     let short = error(Form::SemiActive, made(Recipe { duration_s: 0.3, ..recipe }), &options());
-    assert!(short.contains("too few for 18 lpv coefficients"), "{short}");
+    assert!(short.contains("too few for the 18 coefficients of lpv"), "{short}");
     let passive = ModelSpec::named("lpv", Form::Passive).expect_err("that is arx").to_string();
     assert!(passive.contains("no passive form"), "{passive}");
     // Two levels determine a straight line at most.

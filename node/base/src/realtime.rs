@@ -54,22 +54,33 @@ pub fn raised<T: Send>(priority: u8, start: impl FnOnce() -> T + Send) -> (T, Sc
         let _inside = span.entered();
         let scheduling = match raise(priority) {
             Ok(()) => Scheduling::Fifo(priority),
-            Err(why) => Scheduling::Refused { priority, why },
+            Err(error) => Scheduling::Refused { priority, why: error.to_string() },
         };
         (start(), scheduling)
     };
     std::thread::scope(|scope| scope.spawn(start_raised).join().unwrap_or_else(|panic| resume_unwind(panic)))
 }
 
+/// Reasons why a thread does not get a priority.
+#[derive(Debug, thiserror::Error)]
+enum RaiseError {
+    #[error("SCHED_FIFO has the priorities 1 to 99")]
+    OutOfRange,
+    /// The system's own message.
+    #[error(transparent)]
+    System(#[from] std::io::Error),
+    #[error("{0}")]
+    Other(Error),
+}
+
 /// Gives the calling thread `priority` permanently.
-fn raise(priority: u8) -> Result<(), String> {
-    let value = ThreadPriorityValue::try_from(priority)?;
+fn raise(priority: u8) -> Result<(), RaiseError> {
+    let value = ThreadPriorityValue::try_from(priority).map_err(|_| RaiseError::OutOfRange)?;
     let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
     set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(value), fifo).map_err(
         |error| match error {
-            // The system's own message.
-            Error::OS(code) => std::io::Error::from_raw_os_error(code).to_string(),
-            other => other.to_string(),
+            Error::OS(code) => std::io::Error::from_raw_os_error(code).into(),
+            other => RaiseError::Other(other),
         },
     )
 }

@@ -5,7 +5,7 @@
 use super::{ActionContext, ActionWork, Job, Step, total_s, write_new};
 use crate::answer_limit::{self, Shorten};
 use crate::control::Control;
-use crate::error::NodeError;
+use crate::error::{NodeError, RequestError};
 use crate::parameters::Parameters;
 use mr_damper_model::diagnose::{self, DiagnosisResult, Runs, Settings, Stage};
 use mr_damper_model::identify::Watch;
@@ -51,10 +51,10 @@ impl ActionWork for CloseLoopWork {
     type Done = String;
     const NAME: &'static str = "close_loop";
 
-    fn prepare(&self, goal: &CloseLoopGoal) -> Result<Job<String>, String> {
+    fn prepare(&self, goal: &CloseLoopGoal) -> Result<Job<String>, NodeError> {
         let control = &self.context.control;
         let config = control.config();
-        let running = control.models().ok_or("the node has no model; configure it first")?.free;
+        let running = control.models().ok_or(RequestError::NoModel)?.free;
         let mut base = running;
         // The diagnosis must use the same filter as the running model.
         if let Some((apply_to, cutoff_hz)) = config.pipeline_settings(base.conditioning.cutoff_hz).filter {
@@ -147,7 +147,7 @@ struct RunRow {
 
 /// The report of a goal that failed.
 fn error_json(error: &NodeError) -> String {
-    serde_json::json!({ "schema": SCHEMA, "error": error.to_string() }).to_string()
+    serde_json::json!(json::FailureDocument::new(error.to_string(), error.reason())).to_string()
 }
 
 impl Diagnosis {
@@ -229,13 +229,9 @@ impl Diagnosis {
 
     /// Adds to an error of the diagnosis that its runs come from the history.
     fn on_history(&self, error: mr_damper_model::Error) -> NodeError {
-        match NodeError::from(error) {
-            NodeError::Interrupted => NodeError::Interrupted,
-            error => NodeError::Failed(format!(
-                "on {:.1} s of history (the first 60 % are training runs (estimate), the next 20 % validation runs (confirm), the rest test \
-                 runs): {error}. The node keeps history.duration_s of history; another base model can be loaded with load_model",
-                total_s(&self.runs)
-            )),
+        match error {
+            mr_damper_model::Error::Cancelled => NodeError::Interrupted,
+            error => NodeError::OnHistory { history_s: total_s(&self.runs), error: Box::new(error) },
         }
     }
 }

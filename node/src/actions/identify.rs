@@ -5,7 +5,7 @@
 //! model is not loaded; use `load_model` for that.
 
 use super::{ActionContext, ActionWork, Job, Step, create, total_s, write_new};
-use crate::error::NodeError;
+use crate::error::{NodeError, RequestError};
 use mr_damper_base::provenance::{TOOL, date, expect};
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{Form, Identified, ModelSpec, Options, Progress, Watch, identify};
@@ -47,16 +47,13 @@ impl ActionWork for IdentifyWork {
     type Done = WrittenModel;
     const NAME: &'static str = "identify";
 
-    fn prepare(&self, goal: &IdentifyGoal) -> Result<Job<WrittenModel>, String> {
-        let spec = ModelSpec::named(&goal.model, Form::SemiActive).map_err(|error| error.to_string())?;
+    fn prepare(&self, goal: &IdentifyGoal) -> Result<Job<WrittenModel>, NodeError> {
+        let spec = ModelSpec::named(&goal.model, Form::SemiActive)?;
         let runs = self.context.runs(goal.history)?;
         let out = if goal.out.is_empty() {
             Out::New(self.context.folder(), self.context.damper.clone())
         } else if Path::new(&goal.out).exists() {
-            return Err(format!(
-                "{} exists already and is not overwritten; give another path in out",
-                goal.out
-            ));
+            return Err(RequestError::FileExists { path: goal.out.clone() }.into());
         } else {
             Out::At(goal.out.clone().into())
         };

@@ -24,7 +24,7 @@ mod job_thread;
 use crate::answer_limit::{AnswerLimit, Shorten};
 use crate::config::RosArgs;
 use crate::control::Control;
-use crate::error::NodeError;
+use crate::error::{NodeError, RequestError};
 use crate::overseer::SharedHistory;
 use crate::parameters::Parameters;
 use crate::ros::{ActionServerOf, ExecutingOf, NewGoalOf, Ros, RosMessage};
@@ -68,8 +68,8 @@ trait ActionWork: Send + Sync + 'static {
     /// Prepares the job for `goal`.
     ///
     /// # Errors
-    /// The reason why the goal is rejected.
-    fn prepare(&self, goal: &<Self::Action as Action>::Goal) -> Result<Job<Self::Done>, String>;
+    /// When the goal is rejected.
+    fn prepare(&self, goal: &<Self::Action as Action>::Goal) -> Result<Job<Self::Done>, NodeError>;
 
     /// Converts a step to feedback.
     fn feedback(step: Step) -> <Self::Action as Action>::Feedback;
@@ -92,9 +92,9 @@ struct ActionContext {
 
 impl ActionContext {
     /// The last `seconds` of raw input, oldest first.
-    fn runs(&self, seconds: f64) -> Result<Vec<Run>, String> {
+    fn runs(&self, seconds: f64) -> Result<Vec<Run>, RequestError> {
         if !(seconds > 0.0 && seconds.is_finite()) {
-            return Err("history must be a positive number of seconds".to_owned());
+            return Err(RequestError::History { seconds });
         }
         let gap_s = self.control.config().settings.gap_s;
         let history = self.history.lock().unwrap_or_else(PoisonError::into_inner);
@@ -252,11 +252,9 @@ impl<W: ActionWork> GoalServer<W> {
     async fn start_goal(&self, goal: NewGoalOf<W::Action>, busy: bool) -> Option<RunningGoal<W>> {
         let RosMessage(requested) = self.server.get_new_goal(goal.clone())?;
         let begun = if busy {
-            Err("another goal is running; cancel it, or wait for its result".to_owned())
+            Err(RequestError::Busy.into())
         } else {
-            self.work
-                .prepare(&requested)
-                .and_then(|job| JobThread::start(W::NAME, job).map_err(|error| error.to_string()))
+            self.work.prepare(&requested).and_then(|job| JobThread::start(W::NAME, job))
         };
         let job = match begun {
             Ok(job) => job,

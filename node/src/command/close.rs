@@ -7,6 +7,7 @@ mod write;
 
 use crate::command::CliContext;
 use crate::command::conditioning::ConditioningArgs;
+use crate::command::number::newtons;
 use crate::command::output::OutputArgs;
 use crate::command::progress::Working;
 use crate::command::run_args::RunArgs;
@@ -18,6 +19,7 @@ use mr_damper_model::diagnose::{self, EffectSet, Runs, Settings};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::identify::{Dataset, Watch};
 use mr_damper_model::model_file::Role;
+use mr_damper_reports::diagnosis::json::FailureDocument;
 use mr_damper_reports::diagnosis::words::stage_in_words;
 use roles::Given;
 use std::path::PathBuf;
@@ -101,7 +103,7 @@ pub struct RecordedArgs {
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub replicates: Vec<PathBuf>,
     /// Noise floor as a root mean square in newtons, if you know it.
-    #[arg(long, group = GROUP, value_name = "N", allow_hyphen_values = true, value_parser = positive)]
+    #[arg(long, group = GROUP, value_name = "N", allow_hyphen_values = true, value_parser = newtons)]
     pub noise_floor: Option<f64>,
     /// Minimum length of the blocks of the significance tests, s [default: 3]. Blocks shorter than 3 s give more false
     /// positives: use them only if the data are too short for 3 s. On test runs the length follows from the data, and this
@@ -132,24 +134,24 @@ pub struct RecordedArgs {
     pub load: RunArgs,
 }
 
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
-        _ => Err("must be a positive number of newtons".to_owned()),
-    }
-}
-
 /// Runs the diagnosis and writes its results.
 ///
 /// # Errors
 /// With --live, when the node does not answer, rejects the goal or fails. Without it, when the runs or the base do not load
 /// or do not fit together, a run is given twice, a test run was used for the base, or a file cannot be written.
-/// [`NodeError::Interrupted`]; then nothing is written.
+/// [`NodeError::Interrupted`]; then nothing is written. If the diagnosis is refused, the JSON (`--json`) is the sentence with
+/// the code and the fields of the reason, and nothing else is written.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
-    match &args.recorded {
+    let done = match &args.recorded {
         Some(recorded) => on_runs(recorded, &args.output, context),
         None => live::run(&args.live, &args.output, context),
+    };
+    if let Err(error) = &done
+        && error.reason().is_some()
+    {
+        args.output.json_only(&FailureDocument::new(error.to_string(), error.reason()))?;
     }
+    done
 }
 
 fn on_runs(args: &RecordedArgs, output: &OutputArgs, context: &CliContext) -> Result<(), NodeError> {

@@ -90,11 +90,13 @@ impl Default for Args {
     }
 }
 
-fn parse_seconds(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(seconds) if (3.0..=3600.0).contains(&seconds) => Ok(seconds),
-        _ => Err("give a number of seconds from 3 to 3600".to_owned()),
-    }
+/// The length of the demo is not valid.
+#[derive(Debug, Clone, Copy, thiserror::Error)]
+#[error("give a number of seconds from 3 to 3600")]
+struct WrongLength;
+
+fn parse_seconds(text: &str) -> Result<f64, WrongLength> {
+    text.parse().ok().filter(|seconds| (3.0..=3600.0).contains(seconds)).ok_or(WrongLength)
 }
 
 /// Runs the demo.

@@ -1,6 +1,6 @@
 //! `mr-damper fis`: converts MATLAB's FIS files to model files, and back.
 
-use crate::command::CliContext;
+use crate::command::{CliContext, number};
 use crate::error::NodeError;
 use crate::models;
 use mr_damper_base::shown;
@@ -36,17 +36,10 @@ pub struct Args {
     #[arg(long, value_name = "MODEL")]
     pub like: Option<String>,
     /// Sample rate of the data that a FIS file was trained on, Hz; needed without --like.
-    #[arg(long, value_name = "HZ", conflicts_with = "like", value_parser = hertz)]
+    #[arg(long, value_name = "HZ", conflicts_with = "like", value_parser = number::hertz)]
     pub rate: Option<f64>,
 }
 
-/// Parses a sample rate.
-fn hertz(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(rate_hz) if rate_hz.is_finite() && rate_hz > 0.0 => Ok(rate_hz),
-        _ => Err("must be a positive number of hertz".to_owned()),
-    }
-}
 
 /// Converts the files. Nothing is written if one of them cannot be converted.
 ///
@@ -87,9 +80,9 @@ fn model_text(path: &Path, args: &Args) -> Result<String, NodeError> {
     let (scaling, conditioning, rate_hz) = match (&args.like, args.rate) {
         (Some(name), _) => {
             let (model, rules) = rule_model(name)?;
-            (scaling_like(&fis, name, &rules).map_err(in_file)?, model.conditioning, model.rate_hz)
+            (scaling_like(&fis, name, &rules).map_err(|error| in_file(error.to_string()))?, model.conditioning, model.rate_hz)
         }
-        (None, Some(rate_hz)) => (si_scaling(&fis).map_err(in_file)?, Conditioning::default(), rate_hz),
+        (None, Some(rate_hz)) => (si_scaling(&fis).map_err(|error| in_file(error.to_string()))?, Conditioning::default(), rate_hz),
         (None, None) => {
             return Err(NodeError::Usage(format!(
                 "{}: a FIS file has no sample rate; give --rate HZ, or --like MODEL",
@@ -111,43 +104,52 @@ fn model_text(path: &Path, args: &Args) -> Result<String, NodeError> {
     Ok(file.to_toml()?)
 }
 
+/// Reasons why the inputs of a FIS file have no scaling.
+#[derive(Debug, thiserror::Error)]
+enum ScalingError {
+    #[error("the system has {found} inputs, but {like} has {given}; give another model to --like")]
+    Number { found: usize, like: String, given: usize },
+    #[error(
+        "[Input{number}] has the name \"{name}\", but this input of {like} is {signal} ({unit}); give another model to --like, or \
+         correct the name"
+    )]
+    OtherSignal { number: usize, name: String, like: String, signal: &'static str, unit: &'static str },
+    #[error(
+        "[Input{number}] has the name \"{name}\", which is not a signal; rename it to displacement, velocity, acceleration, \
+         current or voltage, or give --like MODEL"
+    )]
+    NoSignal { number: usize, name: String },
+}
+
 /// The scaling of the model `name`, if the system can have the same inputs.
-fn scaling_like(fis: &Fis, name: &str, rules: &Tsk) -> Result<Scaling, String> {
+fn scaling_like(fis: &Fis, name: &str, rules: &Tsk) -> Result<Scaling, ScalingError> {
     let (found, given) = (fis.inputs.len(), rules.inputs().len());
     if found != given {
-        return Err(format!(
-            "the system has {found} inputs, but {name} has {given}; give another model to --like"
-        ));
+        return Err(ScalingError::Number { found, like: name.to_owned(), given });
     }
     for (index, (input, like)) in fis.inputs.iter().zip(rules.inputs()).enumerate() {
         // A name that is not a signal may be any of them.
         if input.signal().is_some_and(|signal| signal != like.signal()) {
-            return Err(format!(
-                "[Input{}] has the name \"{}\", but this input of {name} is {} ({}); give another model to --like, or \
-                 correct the name",
-                index + 1,
-                input.name,
-                like.signal().name(),
-                like.signal().unit_suffix()
-            ));
+            return Err(ScalingError::OtherSignal {
+                number: index + 1,
+                name: input.name.clone(),
+                like: name.to_owned(),
+                signal: like.signal().name(),
+                unit: like.signal().unit_suffix(),
+            });
         }
     }
     Ok(Scaling::of(rules))
 }
 
 /// The scaling of a system on SI values.
-fn si_scaling(fis: &Fis) -> Result<Scaling, String> {
+fn si_scaling(fis: &Fis) -> Result<Scaling, ScalingError> {
     let inputs = fis.inputs.iter().enumerate().map(|(index, input)| match input.signal() {
         Some(signal) => Ok((signal, 0.0, 1.0)),
-        None => Err(format!(
-            "[Input{}] has the name \"{}\", which is not a signal; rename it to displacement, velocity, acceleration, \
-             current or voltage, or give --like MODEL",
-            index + 1,
-            input.name
-        )),
+        None => Err(ScalingError::NoSignal { number: index + 1, name: input.name.clone() }),
     });
     let output = OutputScale { mean_n: 0.0, std_dev_n: 1.0 };
-    Ok(Scaling { inputs: inputs.collect::<Result<_, String>>()?, output, force_offset_n: 0.0 })
+    Ok(Scaling { inputs: inputs.collect::<Result<_, ScalingError>>()?, output, force_offset_n: 0.0 })
 }
 
 /// The text of the FIS file for the model `name`.

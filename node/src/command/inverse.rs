@@ -59,9 +59,14 @@ pub struct Args {
     pub load: RunArgs,
 }
 
+/// No method has the given name.
+#[derive(Debug, Clone, Copy, thiserror::Error)]
+#[error("take one of {}", Method::ALL.map(Method::name).join(", "))]
+struct UnknownMethod;
+
 /// Parses the name of a method.
-fn method(name: &str) -> Result<Method, String> {
-    Method::named(name).ok_or_else(|| format!("take one of {}", Method::ALL.map(Method::name).join(", ")))
+fn method(name: &str) -> Result<Method, UnknownMethod> {
+    Method::named(name).ok_or(UnknownMethod)
 }
 
 impl Args {

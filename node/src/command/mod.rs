@@ -12,6 +12,7 @@ pub mod fis;
 pub mod identify;
 pub mod inverse;
 pub mod node;
+mod number;
 pub mod output;
 pub mod presets;
 mod progress;

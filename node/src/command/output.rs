@@ -45,6 +45,14 @@ impl OutputArgs {
         Ok(())
     }
 
+    /// Writes `value` as JSON if `--json` was given.
+    ///
+    /// # Errors
+    /// When the file or stdout cannot be written.
+    pub fn json_only(&self, value: &impl Serialize) -> Result<(), NodeError> {
+        self.json.as_deref().map_or(Ok(()), |path| json(path, value))
+    }
+
     /// The files that will be written, the JSON file first.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let paths = [self.json.as_deref(), self.report.as_deref()];

@@ -27,7 +27,7 @@ use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
 use mr_damper_msgs::standard::{Clock, Float64, JointState, Temperature};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
-use ros2_client::{MessageInfo, Subscription};
+use ros2_client::{MessageInfo, ReadResult, Subscription};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -181,17 +181,13 @@ impl InputChannel {
     }
 
     /// The channel's messages as plain numbers. An `Err` is a message that could not be decoded.
-    fn values(&self) -> LocalBoxStream<'_, Result<(ReadNumber, SampleOrigin), String>> {
-        fn messages<M: Message>(
-            of: &Subscription<M>,
-        ) -> impl Stream<Item = Result<(M, SampleOrigin), String>> {
-            of.async_stream().map(|taken| {
-                taken.map(|(message, info)| (message, origin(&info))).map_err(|error| error.to_string())
-            })
+    fn values(&self) -> LocalBoxStream<'_, ReadResult<(ReadNumber, SampleOrigin)>> {
+        fn messages<M: Message>(of: &Subscription<M>) -> impl Stream<Item = ReadResult<(M, SampleOrigin)>> {
+            of.async_stream().map(|taken| taken.map(|(message, info)| (message, origin(&info))))
         }
         fn plain<M: CarriesNumber>(
             of: &Subscription<M>,
-        ) -> LocalBoxStream<'_, Result<(ReadNumber, SampleOrigin), String>> {
+        ) -> LocalBoxStream<'_, ReadResult<(ReadNumber, SampleOrigin)>> {
             messages(of)
                 .map(|message| message.map(|(message, origin)| (Some(message.taken()), origin)))
                 .boxed_local()
@@ -330,7 +326,7 @@ impl SourceThread {
                         Ok((None, _)) => {
                             counters.note_unreadable(channel.topic, "the joint is not in the message")
                         }
-                        Err(error) => counters.note_unreadable(channel.topic, &error),
+                        Err(error) => counters.note_unreadable(channel.topic, &error.to_string()),
                     }
                 }
             }

@@ -166,7 +166,7 @@ impl Folder {
         for entry in fs::read_dir(&path).map_err(reading())? {
             let entry = entry.map_err(reading())?;
             if let Ok(name) = entry.file_name().into_string()
-                && safe_name(&name).as_deref() == Ok(name.as_str())
+                && safe_name(&name).is_ok_and(|safe| safe == name)
             {
                 all.push((entry.path(), name));
             }
@@ -297,22 +297,45 @@ fn numbered(name: &str, number: u32) -> String {
     format!("{stem}-{number}{extension}")
 }
 
+/// Reasons why a name is not the name of a file.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    /// The name is empty.
+    #[error("a run needs a name: POST /runs?name=run.csv")]
+    Empty,
+    /// The name contains a directory.
+    #[error("\"{name}\" names a path: give a file name without directories")]
+    Path {
+        /// The name.
+        name: String,
+    },
+    /// The name begins with a dot.
+    #[error("\"{name}\" begins with a dot: give it another name")]
+    Hidden {
+        /// The name.
+        name: String,
+    },
+    /// The name is too long.
+    #[error("the name has more than {LONGEST} characters: give a shorter one")]
+    TooLong,
+}
+
 /// `name` as a safe file name: ASCII letters, digits, `.`, `_` and `-`; other characters become `_`.
 ///
 /// # Errors
 /// When the name is empty, begins with a dot, contains a path, or is too long.
-pub(super) fn safe_name(name: &str) -> Result<String, String> {
+pub(super) fn safe_name(name: &str) -> Result<String, NameError> {
     if name.is_empty() {
-        return Err("a run needs a name: POST /runs?name=run.csv".to_owned());
+        return Err(NameError::Empty);
     }
     if name.contains(['/', '\\', '\0']) {
-        return Err(format!("\"{name}\" names a path: give a file name without directories"));
+        return Err(NameError::Path { name: name.to_owned() });
     }
     if name.starts_with('.') {
-        return Err(format!("\"{name}\" begins with a dot: give it another name"));
+        return Err(NameError::Hidden { name: name.to_owned() });
     }
     if name.chars().count() > LONGEST {
-        return Err(format!("the name has more than {LONGEST} characters: give a shorter one"));
+        return Err(NameError::TooLong);
     }
     let safe = |c: char| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '_' };
     Ok(name.chars().map(safe).collect())
@@ -323,7 +346,7 @@ pub(super) fn safe_name(name: &str) -> Result<String, String> {
 /// # Errors
 /// Errors of [`safe_name`]; when the extension is not known.
 pub(super) fn run_name(name: &str) -> Result<String, Refusal> {
-    let name = safe_name(name).map_err(|why| Refusal::new(RefusalKind::Wrong, why))?;
+    let name = safe_name(name).map_err(|why| Refusal::new(RefusalKind::Wrong, why.to_string()))?;
     if mr_damper_runs::is_named_as_a_run(Path::new(&name)) && !name.ends_with(ABOUT) {
         return Ok(name);
     }

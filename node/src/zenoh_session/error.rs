@@ -2,6 +2,61 @@
 
 use std::path::PathBuf;
 
+/// Faults of a Zenoh configuration file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FileProblem {
+    /// The file cannot be read.
+    #[error(transparent)]
+    Unreadable(#[from] std::io::Error),
+    /// The text is not JSON5, or Zenoh does not accept it.
+    #[error("{message}")]
+    Syntax {
+        /// The message of the parser.
+        message: String,
+    },
+    /// The file holds a value that is not an object.
+    #[error("it is not an object; begin the file with {{")]
+    NotAnObject,
+    /// The mode is not known.
+    #[error("mode is \"{mode}\"; use peer, client or router")]
+    Mode {
+        /// The mode.
+        mode: String,
+    },
+    /// The endpoints are not a list.
+    #[error("{direction}/endpoints is {found}; write a list of strings")]
+    Endpoints {
+        /// `listen` or `connect`.
+        direction: &'static str,
+        /// The value, as JSON.
+        found: String,
+    },
+    /// An endpoint is not a string.
+    #[error("{direction}/endpoints has {found}, which is not a string")]
+    Endpoint {
+        /// `listen` or `connect`.
+        direction: &'static str,
+        /// The endpoint, as JSON.
+        found: String,
+    },
+    /// Multicast scouting is on, without `allow_non_loopback`.
+    #[error(
+        "scouting/multicast is enabled, which looks for peers on every network; remove it, or set allow_non_loopback = true"
+    )]
+    Scouting,
+    /// A file that the configuration names cannot be opened.
+    #[error("{key} names {named}: {source}; paths are relative to the working directory")]
+    NamedFile {
+        /// The key.
+        key: &'static str,
+        /// The path.
+        named: String,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+}
+
 /// Reasons why the mirror cannot start. Every message says what failed, where, and what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -58,12 +113,12 @@ pub enum ZenohError {
         endpoint: String,
     },
     /// The Zenoh configuration file cannot be used.
-    #[error("Zenoh configuration {}: {why}", path.display())]
+    #[error("Zenoh configuration {}: {problem}", path.display())]
     File {
         /// The file.
         path: PathBuf,
         /// The fault.
-        why: String,
+        problem: FileProblem,
     },
     /// A command is unknown.
     #[error("`{name}` is not a command that can be accepted over Zenoh; use {known}")]

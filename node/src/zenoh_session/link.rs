@@ -89,7 +89,7 @@ impl Link {
         if settings.mode != SessionMode::Client {
             let reason = match first_result.recv_timeout(OPEN_WAIT) {
                 Ok(Ok(())) => return Ok(Self { inner }),
-                Ok(Err(reason)) => reason,
+                Ok(Err(error)) => plain(&error),
                 Err(error) => error.to_string(),
             };
             inner.closing.store(true, Ordering::Release);
@@ -171,7 +171,7 @@ impl Inner {
     }
 
     /// Opens the session. A client retries until it is open or the link is closed; a peer or router tries once.
-    fn open(&self, first_result: &mpsc::SyncSender<Result<(), String>>) {
+    fn open(&self, first_result: &mpsc::SyncSender<Result<(), zenoh::Error>>) {
         let mut warned = false;
         while !self.closing.load(Ordering::Acquire) {
             match zenoh::open(self.settings.zenoh.clone()).wait() {
@@ -190,7 +190,7 @@ impl Inner {
                 }
                 Err(error) if self.settings.mode != SessionMode::Client => {
                     *self.lock() = SessionState::Gone;
-                    let _ = first_result.try_send(Err(plain(&error)));
+                    let _ = first_result.try_send(Err(error));
                     return;
                 }
                 Err(error) => {

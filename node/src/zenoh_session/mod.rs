@@ -8,6 +8,6 @@ mod link;
 mod session_config;
 
 pub use config::{Encoding, Rmw, SessionMode, ZenohConfig};
-pub use error::ZenohError;
+pub use error::{FileProblem, ZenohError};
 pub use link::Link;
 pub(crate) use link::{Inner, SessionState};

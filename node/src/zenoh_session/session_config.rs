@@ -5,7 +5,7 @@
 //! scouting, no listening, and connections are retried within a second.
 
 use super::config::{Rmw, SessionMode, ZenohConfig, is_loopback};
-use super::error::ZenohError;
+use super::error::{FileProblem, ZenohError};
 use serde_json::Value;
 use std::path::Path;
 
@@ -40,38 +40,34 @@ impl SessionConfig {
             Some(path) => read(path)?,
             None => ("{}".to_owned(), Value::Null),
         };
-        let refuse = |why: String| ZenohError::File { path: config.file.clone().unwrap_or_default(), why };
+        let refuse = |problem| ZenohError::File { path: config.file.clone().unwrap_or_default(), problem };
         let mode = match (config.mode, file.get("mode").and_then(Value::as_str)) {
             (Some(mode), _) => mode,
             (None, None) => SessionMode::Peer,
-            (None, Some(name)) => SessionMode::named(name)
-                .ok_or_else(|| refuse(format!("mode is \"{name}\"; use peer, client or router")))?,
+            (None, Some(name)) => {
+                SessionMode::named(name).ok_or_else(|| refuse(FileProblem::Mode { mode: name.to_owned() }))?
+            }
         };
-        let endpoints = |given: &[String], direction: &str| match given {
+        let endpoints = |given: &[String], direction: &'static str| match given {
             [] => endpoints_of(&file, direction, mode).map_err(refuse),
             given => Ok(given.to_vec()),
         };
         // Checked before Zenoh reads the file, because Zenoh's errors do not name the place.
         let (listen, connect) =
             (endpoints(&config.listen, "listen")?, endpoints(&config.connect, "connect")?);
-        let zenoh = zenoh::Config::from_json5(&text).map_err(|error| refuse(plain(&error)))?;
+        let zenoh = zenoh::Config::from_json5(&text)
+            .map_err(|error| refuse(FileProblem::Syntax { message: plain(&error) }))?;
         let mut settings = Self { mode, listen, connect, access_control: is_closed(&file), zenoh };
         settings.check(config)?;
         let scouts = file.pointer("/scouting/multicast/enabled") == Some(&Value::Bool(true));
         if scouts && !config.allow_non_loopback {
-            return Err(refuse(
-                "scouting/multicast is enabled, which looks for peers on every network; remove it, or set \
-                 allow_non_loopback = true"
-                    .to_owned(),
-            ));
+            return Err(refuse(FileProblem::Scouting));
         }
         for key in FILES {
             let Some(named) = file.pointer(key).and_then(Value::as_str) else { continue };
-            if let Err(error) = std::fs::File::open(named) {
-                let key = key.trim_start_matches('/');
-                return Err(refuse(format!(
-                    "{key} names {named}: {error}; paths are relative to the working directory"
-                )));
+            if let Err(source) = std::fs::File::open(named) {
+                let (key, named) = (key.trim_start_matches('/'), named.to_owned());
+                return Err(refuse(FileProblem::NamedFile { key, named, source }));
             }
         }
         settings.complete(&file)?;
@@ -169,17 +165,22 @@ fn is_closed(file: &Value) -> bool {
 
 /// The text of a file, and its parsed value.
 fn read(path: &Path) -> Result<(String, Value), ZenohError> {
-    let refuse = |why: String| ZenohError::File { path: path.to_owned(), why };
-    let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
-    let file: Value = json5::from_str(&text).map_err(|error| refuse(error.to_string()))?;
+    let refuse = |problem| ZenohError::File { path: path.to_owned(), problem };
+    let text = std::fs::read_to_string(path).map_err(|error| refuse(error.into()))?;
+    let file: Value =
+        json5::from_str(&text).map_err(|error| refuse(FileProblem::Syntax { message: error.to_string() }))?;
     if !file.is_object() {
-        return Err(refuse("it is not an object; begin the file with {".to_owned()));
+        return Err(refuse(FileProblem::NotAnObject));
     }
     Ok((text, file))
 }
 
 /// Endpoints that a file lists for `mode`. The file has one list, or one per mode.
-fn endpoints_of(file: &Value, direction: &str, mode: SessionMode) -> Result<Vec<String>, String> {
+fn endpoints_of(
+    file: &Value,
+    direction: &'static str,
+    mode: SessionMode,
+) -> Result<Vec<String>, FileProblem> {
     let all = match file.pointer(&format!("/{direction}/endpoints")) {
         Some(Value::Object(by_mode)) => by_mode.get(mode.name()).unwrap_or(&Value::Null),
         Some(list) => list,
@@ -192,11 +193,10 @@ fn endpoints_of(file: &Value, direction: &str, mode: SessionMode) -> Result<Vec<
         Value::Array(list) => list
             .iter()
             .map(|endpoint| {
-                text(endpoint)
-                    .ok_or_else(|| format!("{direction}/endpoints has {endpoint}, which is not a string"))
+                text(endpoint).ok_or_else(|| FileProblem::Endpoint { direction, found: endpoint.to_string() })
             })
             .collect(),
-        other => Err(format!("{direction}/endpoints is {other}; write a list of strings")),
+        other => Err(FileProblem::Endpoints { direction, found: other.to_string() }),
     }
 }
 

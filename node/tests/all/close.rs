@@ -134,6 +134,23 @@ fn unsuitable_input_is_refused_before_any_work() {
 }
 
 #[test]
+fn a_refused_diagnosis_has_a_code_and_numbers_in_json() {
+    let _turn = turn(module_path!());
+    let dir = folder();
+    let line = "--estimate a.csv --confirm b.csv --block-s 60 --out new.toml --json";
+    let arguments: Vec<&str> = ["close", "--base", PRESET].into_iter().chain(line.split(' ')).collect();
+    let output = mr_damper(dir.path(), &arguments);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(!dir.path().join("new.toml").exists(), "{said}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON on stdout");
+    let reason = &json["reason"];
+    assert_eq!((&reason["code"], &reason["needed_blocks"]), (&"too_short".into(), &6.into()), "{json:#}");
+    assert_eq!((&reason["block_s"], &reason["needed_s"]), (&60.0.into(), &360.0.into()), "{json:#}");
+    assert!(json["error"].as_str().is_some_and(|error| said.contains(error)), "{json:#} {said}");
+}
+
+#[test]
 fn the_help_explains_each_set_of_runs() {
     let _turn = turn(module_path!());
     let help = text(&mr_damper(Path::new("."), &["close", "--help"]).stdout);

@@ -201,16 +201,19 @@ fn a_goal_can_be_cancelled_and_a_failed_goal_says_why() {
         };
         let (status, success, report) = setup.result(id);
         assert_eq!((status, success), (GoalStatusEnum::Aborted, false), "{report}");
-        report["error"].as_str().expect("a text").to_owned()
+        let code = report["reason"]["code"].as_str().expect("a code").to_owned();
+        (report["error"].as_str().expect("a text").to_owned(), code)
     };
-    let error = failed(3.0);
+    let (error, code) = failed(3.0);
+    assert_eq!(code, "too_short", "{error}");
     assert!(error.contains("on 3.0 s of history") && error.contains("18 s of motion"), "{error}");
     assert_eq!(setup.cancel(unasked), 0, "the goal whose result nobody asked for has ended");
     assert_eq!(setup.service.control().models(), before, "no model was loaded");
 
     // An ARX model cannot be the base.
     setup.load(Path::new(mr_damper_model::preset::BEST_ARX));
-    let error = failed(ALL_S);
+    let (error, code) = failed(ALL_S);
+    assert_eq!(code, "base_not_physical", "{error}");
     assert!(error.contains("cannot start from the arx model") && error.contains("load_model"), "{error}");
     assert_eq!(std::fs::read_dir(dir.path()).expect("readable").count(), 1, "only the base file exists");
     setup.load(&dir.path().join("base.toml"));

@@ -14,7 +14,7 @@
 //! counts.
 
 use super::Signal;
-use crate::error::Error;
+use crate::error::{Error, ForceError};
 
 /// Largest number of memberships of one input.
 pub const MAX_SETS: usize = 5;
@@ -99,9 +99,7 @@ impl TskInput {
         let mut numbers = [[0.0; 3]; MAX_SETS];
         for (j, (set, slot)) in sets.iter().zip(&mut numbers).enumerate() {
             if set.shape() != shape {
-                return Err(Error::Data {
-                    message: format!("{name}_sets[{j}] has another shape than {name}_sets[0]; use one shape"),
-                });
+                return Err(ForceError::MixedShapes { input: name.to_owned(), index: j }.into());
             }
             *slot = set.numbers();
             set.check(&format!("{name}_sets[{j}]"), j > 0, j + 1 < sets.len())?;

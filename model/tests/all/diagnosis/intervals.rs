@@ -58,8 +58,7 @@ pub(crate) fn interval(id: &str, seed: u64) -> Result<Option<Interval>, Error> {
         ..Options::default()
     };
     let base = identify_datasets(ModelSpec::FUZZY_TANH, &estimate, &options, &Watch::none())?.model;
-    let known = library_id(id)
-        .ok_or_else(|| Error::Data { message: format!("{id} is not in the library of effects") })?;
+    let known = library_id(id).unwrap_or_else(|| panic!("{id} is in the library of effects"));
     let settings = Settings { effects: EffectSet::only(&[known])?, ..Settings::default() };
     let runs = Runs { estimate: &estimate, confirm: &confirm, ..Runs::default() };
     let found = close(&base, &runs, &settings, &Watch::none(), &|_| {})?;

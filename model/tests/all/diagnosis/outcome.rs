@@ -107,7 +107,7 @@ pub(crate) fn diagnose(case: &Case, instrumentation: Instrumentation) -> Result<
     let runs =
         Runs { estimate: &estimate, confirm: &confirm, test: &test, reference: &reference, replicates: &[] };
     let found = close(&base, &runs, &Settings::default(), &Watch::none(), &|_| {})?;
-    let test = found.test.ok_or_else(|| Error::Data { message: format!("{}: no test run", case.name) })?;
+    let test = found.test.unwrap_or_else(|| panic!("{}: there was a test run", case.name));
     let named = |named: &mr_damper_model::diagnose::NamedEffect| Named {
         ids: named.class.iter().map(ToString::to_string).collect(),
         form: named.effect.effect().form(),

@@ -3,7 +3,7 @@
 use super::words;
 use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::{
-    Candidate, Correlation, DiagnosisResult, NamedEffect, RefusedEffect, RunErrors, TestResult,
+    Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors, TestResult,
 };
 use mr_damper_model::metrics::Fit;
 use serde::Serialize;
@@ -21,7 +21,9 @@ pub struct DiagnosisReport<'a> {
     base: BaseRow<'a>,
     noise_floor: FloorRow,
     verdict: &'static str,
-    base_fault: Option<&'a str>,
+    /// The sentence of `base_fault_reason`.
+    base_fault: Option<String>,
+    base_fault_reason: Option<Refusal>,
     effects: Vec<EffectRow<'a>>,
     refused: Vec<RefusedRow<'a>>,
     untestable: Vec<RefusedRow<'a>>,
@@ -75,6 +77,24 @@ impl<'a, R: Serialize> ReportDocument<'a, R> {
     }
 }
 
+/// The report of a diagnosis that failed: written by the command, and returned by the action.
+#[derive(Debug, Serialize)]
+pub struct FailureDocument {
+    schema: &'static str,
+    /// The sentence.
+    error: String,
+    /// Its stable `code` and its fields; `null` if the error is not one of the model crate.
+    reason: Option<serde_json::Value>,
+}
+
+impl FailureDocument {
+    /// The report of the sentence `error`, with the code and the fields of its `reason`.
+    #[must_use]
+    pub const fn new(error: String, reason: Option<serde_json::Value>) -> Self {
+        Self { schema: SCHEMA, error, reason }
+    }
+}
+
 /// Id of an effect, and its form where it has several.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct EffectName {
@@ -100,7 +120,9 @@ struct EffectRow<'a> {
 struct RefusedRow<'a> {
     #[serde(flatten)]
     name: EffectName,
-    why: &'a str,
+    /// The sentence of `reason`.
+    why: String,
+    reason: &'a Refusal,
 }
 
 #[derive(Debug, Serialize)]
@@ -167,7 +189,8 @@ impl<'a> DiagnosisReport<'a> {
                 esr: floor.is_known().then_some(floor.esr),
             },
             verdict: result.verdict.name(),
-            base_fault: result.base_fault.as_deref(),
+            base_fault: result.base_fault.as_ref().map(ToString::to_string),
+            base_fault_reason: result.base_fault.clone().map(Refusal::BaseInadequate),
             effects: result.effects.iter().map(effect).collect(),
             refused: words::refused(result).into_iter().map(refused).collect(),
             untestable: result.untestable.iter().map(refused).collect(),
@@ -203,7 +226,7 @@ fn effect(named: &NamedEffect) -> EffectRow<'_> {
 }
 
 fn refused(refused: &RefusedEffect) -> RefusedRow<'_> {
-    RefusedRow { name: name(refused.effect), why: &refused.why }
+    RefusedRow { name: name(refused.effect), why: refused.why.to_string(), reason: &refused.why }
 }
 
 fn test_row(test: &TestResult) -> TestRow<'_> {

@@ -3,9 +3,11 @@
 use super::*;
 use crate::tests::assert_balanced;
 use json::DiagnosisReport;
+use mr_damper_model::Error;
 use mr_damper_model::diagnose::{
-    Candidate, Correlation, DiagnosisMode, DiagnosisResult, FloorSource, FoundParameter, NamedEffect,
-    NoInterval, NoiseFloor, RefusedEffect, RemainingError, RunErrors, TestResult, Verdict,
+    BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult, FloorSource,
+    FoundParameter, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect, RemainingError, RunErrors,
+    TestResult, Verdict,
 };
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
@@ -66,7 +68,10 @@ pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisRe
     let effects = vec![coil_lag(), friction()];
     let models: Vec<EffectModel> = effects.iter().map(|named| named.effect).collect();
     let after = Model { effects: Effects::new(&models).expect("two"), ..before };
-    let refused = |effect, why: &str| RefusedEffect { effect, why: why.to_owned() };
+    let refused = |effect, why| RefusedEffect { effect, why };
+    let worse = Refusal::WorseInValidation { run: "confirm <2>.csv".to_owned(), increase: 0.12 };
+    let beyond = Refusal::AtEndOfRange { parameter: "tau_s", value: 0.015, range: [0.0, 0.015] };
+    let no_temperature = Refusal::MissingChannel { run: "a.csv".to_owned(), channel: "case_temp_c" };
     DiagnosisResult {
         mode: DiagnosisMode::Absolute,
         verdict: Verdict::Explained,
@@ -74,14 +79,12 @@ pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisRe
         noise_floor: NoiseFloor { source: FloorSource::Replicates, rsse_n: 5.0, esr: 1.6e-4 },
         effects,
         refused: vec![
-            refused(Effect::Friction, "removes less than another; named in a later round"),
-            refused(Effect::Inertia, "confirm run 2 got worse"),
-            refused(Effect::ForceLag, "tau_s = 0.031 lies outside its physical range <of> 0 to 0.015"),
+            // Named in a later round.
+            refused(Effect::Friction, Refusal::TooSmall { share: 0.08, needed: 0.1 }),
+            refused(Effect::Inertia, worse),
+            refused(Effect::ForceLag, beyond),
         ],
-        untestable: vec![refused(
-            Effect::ThermalFade,
-            "run a.csv has no case_temp_c; log the case's temperature",
-        )],
+        untestable: vec![refused(Effect::ThermalFade, no_temperature)],
         candidates: vec![
             candidate(Effect::CoilLag, 1, 1e-11, 0.80, Some(0.83)),
             candidate(Effect::ForceLag, 1, 2e-11, 0.76, Some(0.71)),
@@ -167,9 +170,9 @@ fn every_verdict_has_its_own_text() {
     let short = DiagnosisResult { blocks: 6, ..without_names(Unexplained) };
     assert!(words(&short).contains("fewer than 10 blocks"));
     assert!(say(BaseInadequate).contains("--reference"));
-    let fault = Some("another base leaves a third".to_owned());
+    let fault = Some(fault());
     let inadequate = DiagnosisResult { base_fault: fault, ..without_names(BaseInadequate) };
-    assert!(text(&inadequate, None).contains("): another base leaves a third. Naming"));
+    assert!(text(&inadequate, None).contains("): the base is inadequate: on the validation runs, bouc-wen"));
     let paired = DiagnosisResult { mode: DiagnosisMode::Paired, ..without_names(BaseInadequate) };
     let shown = text(&paired, None);
     assert!(!shown.contains("--reference") && shown.contains("Paired mode: "), "{shown}");
@@ -177,6 +180,39 @@ fn every_verdict_has_its_own_text() {
     assert!(
         text(&partly, None).starts_with("Partly explained: coil_lag (one_tau) and friction account for 94 %")
     );
+}
+
+fn fault() -> BaseFault {
+    BaseFault {
+        base: "sp",
+        alternative: "bouc-wen",
+        alternative_share: 0.2,
+        one_effect_share: 0.6,
+        all_effects_share: 0.5,
+    }
+}
+
+#[test]
+fn json_gives_the_code_and_the_numbers_of_each_reason() {
+    let found = DiagnosisResult {
+        base_fault: Some(fault()),
+        refused: vec![RefusedEffect { effect: Effect::CoilLag, why: Refusal::BaseInadequate(fault()) }],
+        ..without_names(Verdict::BaseInadequate)
+    };
+    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    let reason = serde_json::json!({
+        "code": "base_inadequate", "base": "sp", "alternative": "bouc-wen", "alternative_share": 0.2, "one_effect_share": 0.6,
+        "all_effects_share": 0.5,
+    });
+    assert_eq!((&json["base_fault_reason"], &json["refused"][0]["reason"]), (&reason, &reason));
+    assert_eq!(json["base_fault"], json["refused"][0]["why"]);
+
+    let short = DiagnosisError::TooShort { blocks: 3, needed_blocks: 6, block_s: 3.0, needed_s: 18.0 };
+    let code = serde_json::to_value(Error::from(short)).expect("JSON");
+    let reason = serde_json::json!({
+        "code": "too_short", "blocks": 3, "needed_blocks": 6, "block_s": 3.0, "needed_s": 18.0,
+    });
+    assert_eq!(code, reason);
 }
 
 #[test]
@@ -274,8 +310,9 @@ fn a_report_shows_the_result_and_loads_nothing_from_the_network() {
         "read once, the squared error falls to 2.8 % of what it was",
         "These runs cannot tell it from force_lag",
         "motion over a wide band with the current held",
-        "outside its physical range &lt;of&gt;",
-        "log the case's temperature",
+        "validation run confirm &lt;2&gt;.csv gets worse with it (+12.0 % squared error)",
+        "tau_s is 1.5000e-2, at or beyond the end of its physical range",
+        "run a.csv has no case_temp_c",
         "coherence with velocity",
         "correlation with slope of the current, directed",
         "rig RP-ICPS seed 3",

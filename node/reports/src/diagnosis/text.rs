@@ -1,7 +1,7 @@
 //! A diagnosis as text for a terminal. Lines have at most 110 columns unless names of runs are long.
 
 use super::words;
-use mr_damper_model::diagnose::{DiagnosisResult, NamedEffect};
+use mr_damper_model::diagnose::{DiagnosisResult, NamedEffect, Refusal};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::DriveKind;
@@ -15,12 +15,8 @@ const WIDTH: usize = 110;
 pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     let mut text = short(result, drive);
     errors(&mut text, result);
-    reasons(&mut text, "Refused", words::refused(result).into_iter().map(|r| (r.effect, r.why.as_str())));
-    reasons(
-        &mut text,
-        "Not testable with these runs",
-        result.untestable.iter().map(|r| (r.effect, r.why.as_str())),
-    );
+    reasons(&mut text, "Refused", words::refused(result).into_iter().map(|r| (r.effect, &r.why)));
+    reasons(&mut text, "Not testable with these runs", result.untestable.iter().map(|r| (r.effect, &r.why)));
     remaining_error(&mut text, result);
     text
 }
@@ -114,7 +110,7 @@ fn fit(fit: &Fit) -> String {
     format!("{:>21} {esr}", words::force(fit.rsse_n))
 }
 
-fn reasons<'a>(text: &mut String, heading: &str, rows: impl Iterator<Item = (Effect, &'a str)>) {
+fn reasons<'a>(text: &mut String, heading: &str, rows: impl Iterator<Item = (Effect, &'a Refusal)>) {
     let mut rows = rows.peekable();
     if rows.peek().is_some() {
         let _ = writeln!(text, "\n{heading}");

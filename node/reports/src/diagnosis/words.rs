@@ -170,7 +170,8 @@ pub fn verdict(result: &DiagnosisResult) -> String {
              library accounts for it on every run."
         ),
         Verdict::BaseInadequate => {
-            let why = result.base_fault.as_deref().unwrap_or("its error is too large");
+            let fault = result.base_fault.as_ref().map(ToString::to_string);
+            let why = fault.as_deref().unwrap_or("its error is too large");
             format!("Base inadequate (lack of fit {lof}): {why}. Naming an effect would be meaningless.")
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::close_loop_client::{self, ALL_S};
 use crate::command::CliContext;
+use crate::command::number::seconds;
 use crate::command::output::OutputArgs;
 use crate::command::progress::Working;
 use crate::config::Config;
@@ -26,13 +27,6 @@ pub struct LiveArgs {
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
     #[arg(long, value_name = "ID", requires = "live", conflicts_with = super::GROUP, value_parser = clap::value_parser!(u8).range(0..=232))]
     pub domain_id: Option<u8>,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
-        _ => Err("must be a positive number of seconds".to_owned()),
-    }
 }
 
 /// Sends the goal, shows its stages, and prints the result.

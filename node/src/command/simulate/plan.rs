@@ -44,8 +44,21 @@ fn names() -> impl Iterator<Item = &'static str> {
     Experiment::names().chain(Experiment::paper1_names()).chain(OWN)
 }
 
+/// Reasons why the value of `--experiment` or `--effect` is not valid. clap says which flag it was given for.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum PlanError {
+    #[error("the nearest is {nearest}; `mr-damper simulate --list` lists all")]
+    UnknownExperiment { nearest: &'static str },
+    #[error("give ID=SIZE, e.g. friction=60")]
+    NoSize,
+    #[error("\"{text}\" is not a number")]
+    NotANumber { text: String },
+    #[error(transparent)]
+    Effect(#[from] mr_damper_model::Error),
+}
+
 /// Parses `--experiment`.
-pub(super) fn selection(text: &str) -> Result<Selection, String> {
+pub(super) fn selection(text: &str) -> Result<Selection, PlanError> {
     match text.to_ascii_lowercase().as_str() {
         "all" | "thesis" => return Ok(Selection::Thesis),
         "paper1" => return Ok(Selection::Paper1),
@@ -57,14 +70,14 @@ pub(super) fn selection(text: &str) -> Result<Selection, String> {
     let distance =
         |name: &&str| strsim::damerau_levenshtein(&name.to_ascii_lowercase(), &text.to_lowercase());
     let nearest = names().min_by_key(distance).unwrap_or_default();
-    Err(format!("the nearest is {nearest}; `mr-damper simulate --list` lists all"))
+    Err(PlanError::UnknownExperiment { nearest })
 }
 
 /// Parses `--effect ID=SIZE` and checks it on the default rig.
-pub(super) fn effect(text: &str) -> Result<EffectArg, String> {
-    let (id, size) = text.split_once('=').ok_or("give ID=SIZE, e.g. friction=60")?;
-    let size = size.parse().map_err(|_| format!("\"{size}\" is not a number"))?;
-    inject(id, size, &mut Plant::default(), &mut Channels::default()).map_err(|e| e.to_string())?;
+pub(super) fn effect(text: &str) -> Result<EffectArg, PlanError> {
+    let (id, size) = text.split_once('=').ok_or(PlanError::NoSize)?;
+    let size = size.parse().map_err(|_| PlanError::NotANumber { text: size.to_owned() })?;
+    inject(id, size, &mut Plant::default(), &mut Channels::default())?;
     Ok(EffectArg { id: id.to_owned(), size })
 }
 

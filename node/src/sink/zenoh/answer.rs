@@ -6,13 +6,13 @@
 //! Zenoh calls back on its receiving threads, which only queue the query. A separate thread answers, because an answer
 //! blocks while a consumer does not read, and neither reception nor samples may block.
 
-use super::encode::{Encoded, encode, encoding_of};
+use super::encode::{EncodeError, Encoded, encode, encoding_of};
 use super::history::{CAPACITY, Extent, Selection};
 use super::meta;
 use super::payload::{Payload, finite};
 use super::shared::{MirrorData, Shared, Tree, route};
 use super::stats::Stats;
-use super::time_range::TimeRange;
+use super::time_range::{TimeRange, TimeRangeError};
 use super::topic::Topic;
 use crate::zenoh_session::Encoding;
 use serde::Serialize;
@@ -126,7 +126,7 @@ fn reply(kind: QueryKind, query: &Query, counts: &mut [u64; ComposedAnswer::ALL.
     let replied = match compose(answer, query, seq, shared) {
         Ok((bytes, encoding)) => query.reply(key, bytes).encoding(encoding.zenoh()).wait(),
         Err(error) => {
-            let text = serde_json::json!({ "error": error }).to_string();
+            let text = serde_json::json!({ "error": error.to_string() }).to_string();
             query.reply_err(text).encoding(Encoding::Json.zenoh()).wait()
         }
     };
@@ -162,32 +162,47 @@ fn reply_last(tree: Tree, query: &Query, shared: &Shared) {
     }
 }
 
+/// Reasons why a query gets no answer.
+#[derive(Debug, thiserror::Error)]
+enum QueryError {
+    #[error("unknown parameter `{name}`; allowed here: {}", allowed.join(", "))]
+    UnknownParameter { name: String, allowed: &'static [&'static str] },
+    #[error("unknown format={format}; use json or cbor")]
+    UnknownFormat { format: String },
+    #[error(transparent)]
+    Time(#[from] TimeRangeError),
+    #[error("max={text} is not a number of entries")]
+    Max { text: String },
+    #[error("the answer cannot be encoded: {0}")]
+    Encode(#[from] EncodeError),
+}
+
 /// The bytes of an answer and their encoding.
 ///
 /// # Errors
-/// A text that says what is wrong with the query.
+/// When a parameter of the query is not valid, or the answer cannot be encoded.
 fn compose(
     answer: ComposedAnswer,
     query: &Query,
     seq: u64,
     shared: &Shared,
-) -> Result<(Vec<u8>, Encoding), String> {
+) -> Result<(Vec<u8>, Encoding), QueryError> {
     let parameters = query.parameters();
     let allowed = answer.parameters();
     // Names that begin with an underscore are Zenoh's own.
     if let Some((name, _)) =
         parameters.iter().find(|(name, _)| !name.starts_with('_') && !allowed.contains(name))
     {
-        return Err(format!("unknown parameter `{name}`; allowed here: {}", allowed.join(", ")));
+        return Err(QueryError::UnknownParameter { name: name.to_owned(), allowed });
     }
     let encoding = match parameters.get("format") {
         None | Some("json") => Encoding::Json,
         Some("cbor") => Encoding::Cbor,
-        Some(other) => return Err(format!("unknown format={other}; use json or cbor")),
+        Some(other) => return Err(QueryError::UnknownFormat { format: other.to_owned() }),
     };
     let bytes = match answer {
         ComposedAnswer::Meta => {
-            to_bytes(&with_head(ComposedAnswer::Meta, seq, shared, &meta::describe(shared)), encoding)
+            to_bytes(&with_head(ComposedAnswer::Meta, seq, shared, &meta::describe(shared)), encoding)?
         }
         ComposedAnswer::Status => {
             let names = shared.names();
@@ -197,19 +212,14 @@ fn compose(
             };
             let stats = shared.stats();
             let status = Status { damper: &shared.damper, mode, model: &names.free, residual, stats };
-            to_bytes(&with_head(ComposedAnswer::Status, seq, shared, &status), encoding)
+            to_bytes(&with_head(ComposedAnswer::Status, seq, shared, &status), encoding)?
         }
         ComposedAnswer::History => history(query, seq, encoding, shared)?,
     };
-    Ok((bytes?, encoding))
+    Ok((bytes, encoding))
 }
 
-fn history(
-    query: &Query,
-    seq: u64,
-    encoding: Encoding,
-    shared: &Shared,
-) -> Result<Result<Vec<u8>, String>, String> {
+fn history(query: &Query, seq: u64, encoding: Encoding, shared: &Shared) -> Result<Vec<u8>, QueryError> {
     let parameters = query.parameters();
     let now_ns = shared.clock.nanos_at(Instant::now());
     let range = match parameters.get("_time") {
@@ -218,7 +228,7 @@ fn history(
     };
     let max = match parameters.get("max") {
         None => CAPACITY,
-        Some(text) => text.parse().map_err(|_| format!("max={text} is not a number of entries"))?,
+        Some(text) => text.parse().map_err(|_| QueryError::Max { text: text.to_owned() })?,
     };
     let excerpt = shared.data().history.excerpt(&Selection { range, max }, now_ns);
     let names = shared.names();
@@ -228,7 +238,7 @@ fn history(
         force_estimate: excerpt.estimates.iter().map(|entry| entry.payload(&names)).collect(),
         force_residual: excerpt.residuals.iter().map(|entry| entry.payload(&names)).collect(),
     };
-    Ok(to_bytes(&with_head(ComposedAnswer::History, seq, shared, &body), encoding))
+    Ok(to_bytes(&with_head(ComposedAnswer::History, seq, shared, &body), encoding)?)
 }
 
 /// The common first fields of an answer, followed by its body.
@@ -300,12 +310,11 @@ fn with_head<'a, T>(answer: ComposedAnswer, seq: u64, shared: &Shared, body: &'a
     }
 }
 
-fn to_bytes(answer: &impl Serialize, encoding: Encoding) -> Result<Vec<u8>, String> {
-    let failed = |error: String| format!("the answer cannot be encoded: {error}");
+fn to_bytes(answer: &impl Serialize, encoding: Encoding) -> Result<Vec<u8>, EncodeError> {
     if encoding == Encoding::Json {
-        return serde_json::to_vec(answer).map_err(|error| failed(error.to_string()));
+        return Ok(serde_json::to_vec(answer)?);
     }
     let mut bytes = Vec::new();
-    ciborium::into_writer(answer, &mut bytes).map_err(|error| failed(error.to_string()))?;
+    ciborium::into_writer(answer, &mut bytes)?;
     Ok(bytes)
 }

@@ -304,7 +304,7 @@ impl MirrorThread {
     fn put_rmw(&mut self, event: &Event, now: Instant) {
         let Some(rmw) = self.declarations.as_mut().and_then(Declarations::rmw) else { return };
         if let Err(error) = rmw.put(event, &self.shared.names(), self.shared.clock.nanos_at(now)) {
-            self.log_failure(Topic::of_event(event), &error);
+            self.log_failure(Topic::of_event(event), &error.to_string());
         }
     }
 

@@ -42,5 +42,5 @@ pub use crate::zenoh_session::{Encoding, Link, SessionMode, ZenohConfig, ZenohEr
 pub use mirror::{Damper, Mirror, Renamer};
 pub use rmw_output::RmwPresence;
 pub use stats::{CommandCounters, CommandStats, MirrorState, RmwCounters, RmwStats, RouteStats, Stats};
-pub use time_range::TimeRange;
+pub use time_range::{TimeProblem, TimeRange, TimeRangeError};
 pub use topic::Topic;

@@ -4,7 +4,7 @@
 //! The messages are bit-identical to those over DDS and are published by the mirror's thread from its ring. Shared memory,
 //! transient local durability and services are not supported: parameters, `load_model` and other services use DDS only.
 
-use super::encode::ros_bytes;
+use super::encode::{EncodeError, ros_bytes};
 use super::stats::RmwCounters;
 use super::topic::Topic;
 use crate::config::RosArgs;
@@ -109,19 +109,19 @@ impl RmwDeclarations {
     /// Publishes `event` if it is an output, without waiting for consumers. `now_ns` is in nanoseconds since 1970.
     ///
     /// # Errors
-    /// The reason why the message was not published. The message uses a sequence number all the same, so that consumers can
+    /// When the message was not published. The message uses a sequence number all the same, so that consumers can
     /// detect the loss.
-    pub(super) fn put(&mut self, event: &Event, names: &ModelNames, now_ns: i64) -> Result<(), String> {
+    pub(super) fn put(&mut self, event: &Event, names: &ModelNames, now_ns: i64) -> Result<(), PutError> {
         let topic = Topic::of_event(event);
         let Some(output) = self.outputs.iter_mut().find(|output| output.of == topic) else { return Ok(()) };
         output.seq += 1;
         let attachment = Attachment { seq: output.seq, stamp_ns: now_ns, gid: output.gid };
         let put = match ros_bytes(event, names, &self.frame.get()) {
             None => return Ok(()),
-            Some(Err(error)) => Err(error.to_string()),
+            Some(Err(error)) => Err(error.into()),
             Some(Ok(bytes)) => {
                 let put = output.publisher.put(bytes).attachment(attachment.to_bytes()).wait();
-                put.map_err(|error| error.to_string())
+                put.map_err(PutError::Publish)
             }
         };
         self.counters.put(put.is_ok());
@@ -139,6 +139,15 @@ impl RmwDeclarations {
             tracing::debug!("undeclaring from rmw_zenoh: {error}");
         }
     }
+}
+
+/// Reasons why a message was not published.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum PutError {
+    #[error(transparent)]
+    Encode(#[from] EncodeError),
+    #[error("{0}")]
+    Publish(zenoh::Error),
 }
 
 /// Descriptor of the message of a topic.

@@ -14,6 +14,51 @@ pub struct TimeRange {
     pub to_ns: i64,
 }
 
+/// A `_time` parameter that is not a range of times.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("_time={text}: {problem}; write for example _time=[now(-10s)..]")]
+pub struct TimeRangeError {
+    /// The parameter.
+    pub text: String,
+    /// What is wrong with it.
+    pub problem: TimeProblem,
+}
+
+/// What is wrong with a range of times.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum TimeProblem {
+    /// A bracket is missing.
+    #[error("brackets are missing (a parameter cannot contain `;`)")]
+    NoBrackets,
+    /// The two dots are missing.
+    #[error("`..` between the two times is missing")]
+    NoDots,
+    /// A bound is not a time.
+    #[error("`{text}` is neither now(..) nor a time such as 2026-01-02T03:04:05Z")]
+    NotATime {
+        /// The bound.
+        text: String,
+    },
+    /// A bound is beyond the times that nanoseconds since 1970 can express.
+    #[error("`{text}` is too far away")]
+    TooFar {
+        /// The bound.
+        text: String,
+    },
+    /// A duration has no unit.
+    #[error("`{text}` needs a unit: u, ms, s, m, h, d or w")]
+    NoUnit {
+        /// The duration.
+        text: String,
+    },
+    /// A duration has no number.
+    #[error("`{text}` is not a number with a unit")]
+    NotANumber {
+        /// The duration.
+        text: String,
+    },
+}
+
 impl TimeRange {
     /// All times.
     pub const ALL: Self = Self { from_ns: i64::MIN, to_ns: i64::MAX };
@@ -21,18 +66,18 @@ impl TimeRange {
     /// Parses the parameter. `now_ns` is the value of `now()`.
     ///
     /// # Errors
-    /// A text that says what was expected.
-    pub fn parse(text: &str, now_ns: i64) -> Result<Self, String> {
-        let wrong = |what: &str| format!("_time={text}: {what}; write for example _time=[now(-10s)..]");
+    /// [`TimeRangeError`] with the text and what is wrong with it.
+    pub fn parse(text: &str, now_ns: i64) -> Result<Self, TimeRangeError> {
+        let wrong = |problem| TimeRangeError { text: text.to_owned(), problem };
         let opening = text.chars().next().filter(|c| matches!(c, '[' | ']'));
         let closing = text.chars().next_back().filter(|c| matches!(c, '[' | ']'));
         let (Some(opening), Some(closing), true) = (opening, closing, text.len() >= 2) else {
-            return Err(wrong("brackets are missing (a parameter cannot contain `;`)"));
+            return Err(wrong(TimeProblem::NoBrackets));
         };
         let Some((from, to)) = text[1..text.len() - 1].split_once("..") else {
-            return Err(wrong("`..` between the two times is missing"));
+            return Err(wrong(TimeProblem::NoDots));
         };
-        let instant = |text: &str| instant(text, now_ns).map_err(|why| wrong(&why));
+        let instant = |text: &str| instant(text, now_ns).map_err(wrong);
         let mut range = Self::ALL;
         if !from.is_empty() {
             range.from_ns = instant(from)?.saturating_add(i64::from(opening == ']'));
@@ -51,19 +96,19 @@ impl TimeRange {
 }
 
 /// Parses `now()`, `now(-1.5s)` or a time in RFC 3339 format; returns nanoseconds since 1970.
-fn instant(text: &str, now_ns: i64) -> Result<i64, String> {
+fn instant(text: &str, now_ns: i64) -> Result<i64, TimeProblem> {
     if let Some(offset) = text.strip_prefix("now(").and_then(|rest| rest.strip_suffix(')')) {
         let offset_ns = if offset.is_empty() { 0 } else { duration_ns(offset)? };
         return Ok(now_ns.saturating_add(offset_ns));
     }
     // Zenoh's own type for times panics on times after 2106.
-    let time = DateTime::parse_from_rfc3339(text)
-        .map_err(|_| format!("`{text}` is neither now(..) nor a time such as 2026-01-02T03:04:05Z"))?;
-    time.timestamp_nanos_opt().ok_or_else(|| format!("`{text}` is too far away"))
+    let time =
+        DateTime::parse_from_rfc3339(text).map_err(|_| TimeProblem::NotATime { text: text.to_owned() })?;
+    time.timestamp_nanos_opt().ok_or_else(|| TimeProblem::TooFar { text: text.to_owned() })
 }
 
 /// Parses a signed number with a unit; returns nanoseconds.
-fn duration_ns(text: &str) -> Result<i64, String> {
+fn duration_ns(text: &str) -> Result<i64, TimeProblem> {
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
     let unit_s = match unit {
@@ -74,9 +119,9 @@ fn duration_ns(text: &str) -> Result<i64, String> {
         "h" => 3_600.0,
         "d" => 86_400.0,
         "w" => 604_800.0,
-        _ => return Err(format!("`{text}` needs a unit: u, ms, s, m, h, d or w")),
+        _ => return Err(TimeProblem::NoUnit { text: text.to_owned() }),
     };
-    let number: f64 = number.parse().map_err(|_| format!("`{text}` is not a number with a unit"))?;
+    let number: f64 = number.parse().map_err(|_| TimeProblem::NotANumber { text: text.to_owned() })?;
     // The cast saturates.
     Ok((number * unit_s * 1e9).round() as i64)
 }
@@ -121,7 +166,7 @@ mod tests {
             ("[..9999-12-31T23:59:59Z]", "too far away"),
             ("é..é", "brackets"),
         ] {
-            let message = TimeRange::parse(text, NOW).expect_err("this is not a range");
+            let message = TimeRange::parse(text, NOW).expect_err("this is not a range").to_string();
             assert!(message.contains(word), "{text}: {message}");
         }
     }

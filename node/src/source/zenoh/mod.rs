@@ -261,13 +261,17 @@ fn execute(command: ZenohCommand, context: &mut CommandContext) -> Result<String
             }),
         ZenohCommand::Model(name) => {
             let model = loadable_model(&name, context)?;
-            context.changes.load_model(&model).map_err(CommandRefusal::Impossible)
+            context.changes.load_model(&model).map_err(impossible)
         }
         ZenohCommand::Mode(mode) => {
-            context.changes.set_mode(&mode).map_err(CommandRefusal::Impossible)?;
+            context.changes.set_mode(&mode).map_err(impossible)?;
             Ok(format!("the mode is {mode}"))
         }
     }
+}
+
+fn impossible(error: NodeError) -> CommandRefusal {
+    CommandRefusal::Impossible(error.to_string())
 }
 
 /// The preset or file that may be loaded under `name`. The sender may be on another machine, and error messages must

@@ -13,7 +13,7 @@
 
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
-use crate::rmw::{Attachment, Gid, Publisher, Role, gid};
+use crate::rmw::{Attachment, AttachmentError, Gid, Publisher, Role, gid};
 use crate::sink::zenoh::{RmwCounters, RmwPresence};
 use crate::source::input::{Number, ReadNumber, Reader, TOPICS};
 use crate::source::ros_source::{RosSource, SourceCounters};
@@ -22,7 +22,7 @@ use crate::zenoh_session::Link;
 use mr_damper_base::clock::system_now;
 use mr_damper_base::shown;
 use mr_damper_base::worker::{Stop, Worker};
-use mr_damper_msgs::Descriptor;
+use mr_damper_msgs::{CdrError, Descriptor};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -190,15 +190,32 @@ struct InputEndpoint {
     of_source: Arc<SourceCounters>,
 }
 
+/// Reasons why a sample is not used.
+#[derive(Debug, thiserror::Error)]
+enum InputError {
+    #[error("it was sent to {sent_to}, not to {key}")]
+    OtherKey { sent_to: String, key: String },
+    #[error("it deletes, which topics do not support")]
+    Delete,
+    #[error(transparent)]
+    Attachment(#[from] AttachmentError),
+    #[error("it has {bytes} bytes; at most {LONGEST} are allowed")]
+    TooLong { bytes: usize },
+    #[error(transparent)]
+    Message(#[from] CdrError),
+    #[error("the joint is not in the message")]
+    NoJoint,
+    #[error("the queue is full; the node does not keep up")]
+    QueueFull,
+}
+
 impl InputEndpoint {
     fn take(&self, sample: &Sample) {
         let (input, name) = (self.input, self.name);
         let handed_on = self.read(sample).and_then(|(taken, origin)| {
-            let number = taken.ok_or("the joint is not in the message")?;
+            let number = taken.ok_or(InputError::NoJoint)?;
             let arrived = RmwInput { input, number, origin };
-            self.queue
-                .try_send(arrived)
-                .map_err(|_| "the queue is full; the node does not keep up".to_owned())
+            self.queue.try_send(arrived).map_err(|_| InputError::QueueFull)
         });
         match handed_on {
             Ok(()) => {
@@ -210,30 +227,31 @@ impl InputEndpoint {
             Err(why) => {
                 self.counters.refuse(&format!("{name}: {why}"));
                 self.of_source.messages.fetch_add(1, Ordering::Relaxed);
-                self.of_source.note_unreadable(name, &why);
+                self.of_source.note_unreadable(name, &why.to_string());
             }
         }
     }
 
     /// Decodes a sample; the error says what is wrong with it.
-    fn read(&self, sample: &Sample) -> Result<(ReadNumber, SampleOrigin), String> {
+    fn read(&self, sample: &Sample) -> Result<(ReadNumber, SampleOrigin), InputError> {
         let sent_to = sample.key_expr();
         // Access control lets a sample for a wildcard key pass wherever the wildcard itself is allowed.
         if sent_to.as_str() != self.key {
-            return Err(format!("it was sent to {}, not to {}", shown::name(sent_to), self.key));
+            let sent_to = shown::name(sent_to);
+            return Err(InputError::OtherKey { sent_to, key: self.key.clone() });
         }
         if sample.kind() != SampleKind::Put {
-            return Err("it deletes, which topics do not support".to_owned());
+            return Err(InputError::Delete);
         }
         let attachment = sample.attachment().map(|bytes| bytes.to_bytes()).unwrap_or_default();
-        let attachment = Attachment::from_bytes(&attachment).map_err(|error| error.to_string())?;
+        let attachment = Attachment::from_bytes(&attachment)?;
         let Attachment { seq, stamp_ns, gid } = attachment;
         self.note(gid, seq);
         let length = sample.payload().len();
         if length > LONGEST {
-            return Err(format!("it has {length} bytes; at most {LONGEST} are allowed"));
+            return Err(InputError::TooLong { bytes: length });
         }
-        let taken = self.reader.read(&sample.payload().to_bytes()).map_err(|error| error.to_string())?;
+        let taken = self.reader.read(&sample.payload().to_bytes())?;
         let origin = SampleOrigin { writer: gid, sent_ns: Some(stamp_ns), arrived_ns: system_now().nanos() };
         Ok((taken, origin))
     }

@@ -1,0 +1,165 @@
+//! Reasons why an effect was not named, each with its numbers. The sentences are made here and nowhere else.
+//!
+//! Serialised, a reason is an object with its fields and a stable `code`, the name of the variant in snake case.
+
+use crate::error::Error;
+use serde::Serialize;
+
+/// Why an effect was not named. As text it is a clause that can follow a colon.
+#[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize)]
+#[serde(tag = "code", rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum Refusal {
+    /// The settings do not include the effect.
+    #[error("excluded by the settings")]
+    Excluded,
+    /// A run lacks a channel that the test needs.
+    #[error("run {run} has no {channel}, which the test needs")]
+    MissingChannel {
+        /// Name of the run.
+        run: String,
+        /// The missing channel, as its CSV column.
+        channel: &'static str,
+    },
+    /// The model with the effect is not valid.
+    #[error("{error}")]
+    Invalid {
+        /// The error of the model.
+        error: Box<Error>,
+    },
+    /// The simulation with the effect does not stay finite on the training runs.
+    #[error("the simulation with it does not stay finite on the training runs")]
+    Diverges,
+    /// The simulation with the effect does not stay finite on a validation run.
+    #[error("the simulation of a validation run diverges with it")]
+    DivergesInValidation,
+    /// The training runs do not excite the effect.
+    #[error("these runs do not excite it; needed: {excitation}")]
+    NotExcited {
+        /// Change of the simulated force by a small amount of the effect, root mean square, N.
+        change_n: f64,
+        /// Change that is needed, N.
+        needed_n: f64,
+        /// The excitation that separates the effect from others.
+        excitation: &'static str,
+    },
+    /// Other coefficients can produce the same force on the training runs.
+    #[error(
+        "on these runs other coefficients of the model can produce the same force ({:.1} % of the score is left); needed: {excitation}",
+        100.0 * identifiable
+    )]
+    NotIdentifiable {
+        /// Share of the score that remains after projecting off the other coefficients.
+        identifiable: f64,
+        /// Share that is needed.
+        needed: f64,
+        /// The excitation that separates the effect from others.
+        excitation: &'static str,
+    },
+    /// The training runs have too few independent blocks for this effect.
+    #[error(
+        "its change of the force is correlated over so long a time that the training runs have only {blocks} independent blocks, too few to \
+         tell it from chance; give longer runs"
+    )]
+    TooFewBlocks {
+        /// Number of independent blocks.
+        blocks: usize,
+    },
+    /// The effect removes too little of the reducible error.
+    #[error("removes {:.1} % of the reducible error; at least {:.0} % are required", 100.0 * share, 100.0 * needed)]
+    TooSmall {
+        /// Share of the reducible error that it removes on the training runs.
+        share: f64,
+        /// Share that is required.
+        needed: f64,
+    },
+    /// The effect removes less than the base's own misfit.
+    #[error(
+        "removes {:.0} % of the reducible error, but under {:.1} % of the reducible error of the base alone: the base's own misfit is of \
+         that size",
+        100.0 * share, 100.0 * needed_of_base
+    )]
+    WithinMisfit {
+        /// Share of the reducible error in this round that it removes.
+        share: f64,
+        /// Share of the reducible error of the base alone that is required.
+        needed_of_base: f64,
+    },
+    /// Another effect removes more.
+    #[error("removes {:.0} % of the reducible error, where {other} removes {:.0} %", 100.0 * share, 100.0 * other_share)]
+    OtherRemovesMore {
+        /// Share of the reducible error that it removes.
+        share: f64,
+        /// Id of the other effect, with its form if there are several.
+        other: String,
+        /// Share of the reducible error that the other effect removes.
+        other_share: f64,
+    },
+    /// A parameter was found at the end of its physical range, or beyond it.
+    #[error(
+        "{parameter} is {value:.4e}, at or beyond the end of its physical range of {:.4e} to {:.4e}",
+        range[0], range[1]
+    )]
+    AtEndOfRange {
+        /// Name of the parameter, which ends in the unit.
+        parameter: &'static str,
+        /// The value found.
+        value: f64,
+        /// The physical range.
+        range: [f64; 2],
+    },
+    /// The interval of a parameter includes the value at which the effect is absent.
+    #[error("the 95 % interval of {parameter}, {:.4e} to {:.4e}, includes zero", ci95[0], ci95[1])]
+    IncludesZero {
+        /// Name of the parameter, which ends in the unit.
+        parameter: &'static str,
+        /// The 95 % interval.
+        ci95: [f64; 2],
+    },
+    /// A validation run gets worse.
+    #[error("validation run {run} gets worse with it ({:+.1} % squared error)", 100.0 * increase)]
+    WorseInValidation {
+        /// Name of the run.
+        run: String,
+        /// Increase of its squared error, as a share.
+        increase: f64,
+    },
+    /// The effect removes too little on the validation runs.
+    #[error(
+        "removes {:.1} % of the squared error on the validation runs; at least {:.0} % are required",
+        100.0 * share, 100.0 * needed
+    )]
+    TooSmallInValidation {
+        /// Share of the squared error that it removes on the validation runs.
+        share: f64,
+        /// Share that is required.
+        needed: f64,
+    },
+    /// Effects that were named later explain the same error.
+    #[error("not needed: effects named after it explain the same error")]
+    NotNeeded,
+    /// The base is inadequate.
+    #[error(transparent)]
+    BaseInadequate(BaseFault),
+}
+
+/// Why the base is inadequate: another structure fits better on the validation runs without any effect. Each share is a squared error on
+/// the validation runs, as a share of that of the base alone.
+#[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize)]
+#[error(
+    "the base is inadequate: on the validation runs, {alternative} without any effect has {:.1} % of the squared error of {base}; {base} \
+     with one effect has {:.1} %, with all effects found {:.1} %; use {alternative} as base",
+    100.0 * alternative_share, 100.0 * one_effect_share, 100.0 * all_effects_share
+)]
+pub struct BaseFault {
+    /// Name of the base.
+    pub base: &'static str,
+    /// Name of the other structure.
+    pub alternative: &'static str,
+    /// Share of the other structure without any effect.
+    pub alternative_share: f64,
+    /// Share of the base with the best of the effects found.
+    pub one_effect_share: f64,
+    /// Share of the base with all effects found.
+    pub all_effects_share: f64,
+}
