@@ -2,7 +2,7 @@
 //! error.
 
 use crate::condition::Conditioning;
-use crate::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
+use crate::effect::{Augmented, AugmentedState, EffectModel, Effects};
 use crate::force::{ForceModel, Inputs};
 use crate::uncertainty::Uncertainty;
 use serde::{Deserialize, Serialize};
@@ -68,13 +68,9 @@ impl Model {
 
     /// The static force, which does no work over a full stroke.
     pub(crate) fn preload(&self) -> Preload {
-        let gas_n_m = |effect: &EffectModel| match (effect.effect(), effect.parameters()) {
-            (Effect::GasSpring, [stiffness_n_m]) => *stiffness_n_m,
-            _ => 0.0,
-        };
         Preload {
             offset_n: self.force.force_offset_n(),
-            gas_n_m: self.effects.as_slice().iter().map(gas_n_m).sum(),
+            gas_n_m: self.effects.as_slice().iter().map(EffectModel::static_stiffness_n_m).sum(),
         }
     }
 }

@@ -104,7 +104,7 @@ pub enum NodeError {
         /// The code and fields of the node's error, if it has any.
         reason: Option<serde_json::Value>,
     },
-    /// What a peer requested is refused.
+    /// The request of a peer is refused.
     #[error(transparent)]
     Request(#[from] RequestError),
     /// The work was interrupted.

@@ -274,20 +274,21 @@ impl<'a> Procedure<'a> {
         Ok(squares.into_iter().reduce(f64::min))
     }
 
-    /// If a coil lag was named, tries it with separate time constants for rise and fall.
-    fn refine(&self, current: Fitted, noise: f64) -> Result<Fitted, Error> {
-        let effects = current.model.effects().as_slice();
-        let Some(index) = effects.iter().position(|e| e.effect() == Effect::CoilLag) else {
-            return Ok(current);
-        };
-        let tau_s = effects[index].parameters()[0];
-        let both = EffectModel::new(Effect::CoilLagRiseFall, &[tau_s, tau_s])?;
-        let start = with_effect(&without_effect(&current.model, index)?, both)?;
-        let Some(refined) = self.joint().refit(&start, FINAL)? else { return Ok(current) };
-        let share = (current.squares - refined.squares) / (current.squares - noise);
-        let confirmed = self.round(noise, 0).confirmed(&current.model, &refined.model);
-        let better = share >= REFINED && confirmed.is_ok_and(|share| share >= REFINED);
-        Ok(if better { refined } else { current })
+    /// Tries the refined form of each effect that has one: a coil lag with separate time constants for rise and fall.
+    fn refine(&self, mut current: Fitted, noise: f64) -> Result<Fitted, Error> {
+        for plain in Effect::ALL.into_iter().filter(|effect| effect.refined().is_some()) {
+            let effects = current.model.effects().as_slice();
+            let Some(index) = effects.iter().position(|e| e.effect() == plain) else { continue };
+            let Some(refined) = effects[index].refined() else { continue };
+            let start = with_effect(&without_effect(&current.model, index)?, refined)?;
+            let Some(refined) = self.joint().refit(&start, FINAL)? else { continue };
+            let share = (current.squares - refined.squares) / (current.squares - noise);
+            let confirmed = self.round(noise, 0).confirmed(&current.model, &refined.model);
+            if share >= REFINED && confirmed.is_ok_and(|share| share >= REFINED) {
+                current = refined;
+            }
+        }
+        Ok(current)
     }
 
     /// Removes effects whose part the other effects can take over.

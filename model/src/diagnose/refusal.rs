@@ -144,7 +144,7 @@ pub enum Refusal {
 }
 
 /// Why the base is inadequate: another structure fits better on the validation runs without any effect. Each share is a squared error on
-/// the validation runs, as a share of that of the base alone.
+/// the validation runs, divided by the squared error of the base alone.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize)]
 #[error(
     "the base is inadequate: on the validation runs, {alternative} without any effect has {:.1} % of the squared error of {base}; {base} \

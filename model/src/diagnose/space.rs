@@ -7,7 +7,7 @@
 //! In paired mode the base's coefficients are not included. Derivatives are finite differences of the whole simulator. They work for
 //! every base and every effect, through filters and internal states, and cost one simulation for each number.
 
-use crate::effect::{Augmented, Effect, EffectModel, Effects};
+use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::{DiagnosisError, Error};
 use crate::force::law::Kind;
 use crate::force::{Dependence, ForceModel, FuzzyTanh, LawModel, TanhFunction};
@@ -186,37 +186,10 @@ fn with_coefficients(base: &ForceModel, values: &[f64]) -> Option<ForceModel> {
     }
 }
 
-/// Position of an effect in the damper, from the fluid outwards: the order of application.
-const fn layer(effect: Effect) -> u8 {
-    match effect {
-        // The drive passes the coil first (outer), then the core.
-        Effect::Remanence => 0,
-        Effect::CoilLag | Effect::CoilLagRiseFall => 1,
-        // The fluid in the gap.
-        Effect::ThermalFade => 2,
-        Effect::PositionDependence => 3,
-        Effect::Asymmetry => 4,
-        // In parallel with the gap.
-        Effect::VelocitySaturation => 5,
-        Effect::Friction => 6,
-        Effect::GasSpring => 7,
-        Effect::EndStop => 8,
-        // Between piston and rod, and rod and load cell.
-        Effect::Deadzone => 9,
-        Effect::SeriesSpring => 10,
-        Effect::Inertia => 11,
-        Effect::ForceLag => 12,
-        // The measurement.
-        Effect::SensorDelay => 13,
-        Effect::AntiAliasMismatch => 14,
-        Effect::LoadCellDrift => 15,
-    }
-}
-
-/// `model` with one more effect, inserted by its [`layer`].
+/// `model` with one more effect, inserted by its place in the damper.
 pub(super) fn with_effect(model: &Augmented, effect: EffectModel) -> Result<Augmented, Error> {
     let mut effects = model.effects().as_slice().to_vec();
-    let at = effects.partition_point(|other| layer(other.effect()) <= layer(effect.effect()));
+    let at = effects.partition_point(|other| other.effect().layer() <= effect.effect().layer());
     effects.insert(at, effect);
     Augmented::new(*model.force(), Effects::new(&effects)?)
 }

@@ -11,21 +11,35 @@
 //! | F0 | of the model | N | the session's force offset, which does not come from the damper |
 
 use super::parts::{scaled, smooth_sign};
-use super::{About, EffectState, Inside, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 
-pub(super) const ABOUT: About = About {
-    id: "asymmetry",
-    form: None,
-    what: "the damper is stiffer in one direction than in the other",
-    parameters: &[Parameter::absolute("asymmetry", [-0.4, 0.4], 0.01)],
-    separated_by: "several currents and speeds in both directions: an offset does not grow with the force",
-    confounders: &["friction", "position_dependence", "velocity_saturation"],
-    needs: &[],
-};
+pub(super) struct Asymmetry;
 
-#[inline]
-pub(super) fn step(asymmetry: f64, _: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
-    let force_n = inside.run(inputs)?;
-    Some(scaled(force_n, inside.offset_n(), 1.0 + asymmetry * smooth_sign(inputs.velocity_m_s)))
+impl Definition for Asymmetry {
+    const PROPERTIES: Properties = Properties {
+        id: "asymmetry",
+        form: None,
+        what: "the damper is stiffer in one direction than in the other",
+        parameters: &[Parameter::absolute("asymmetry", Unit::NONE, [-0.4, 0.4], 0.01)],
+        example: &[-0.12],
+        separated_by: "several currents and speeds in both directions: an offset does not grow with the force",
+        confounders: &["friction", "position_dependence", "velocity_saturation"],
+        needs: &[],
+        layer: Layer::Gap(2),
+        inversion: Inversion::Search,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(
+        [asymmetry, ..]: Values,
+        _: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        let force_n = inside.run(inputs)?;
+        Some(scaled(force_n, inside.offset_n(), 1.0 + asymmetry * smooth_sign(inputs.velocity_m_s)))
+    }
 }

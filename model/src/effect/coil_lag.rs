@@ -16,7 +16,10 @@
 //! Source: first-order model of the coil, e.g. Dyke et al. (1996), Smart Mater. Struct. 5, 565 (their eta).
 //! See `[dyke1996]` in the bibliography (node/docs/guide/bibliography.md).
 
-use super::{About, EffectState, Inside, Need, Parameter};
+use super::{
+    Definition, Effect, EffectState, Inside, Inversion, Layer, Need, Parameter, Properties, Refinement, Unit,
+    Values,
+};
 use crate::force::Inputs;
 
 const TAU_S: [f64; 2] = [1e-3, 40e-3];
@@ -24,29 +27,67 @@ const PROBE_S: f64 = 1e-3;
 const SEPARATED_BY: &str = "steps of the current while the damper moves at constant speed";
 const CONFOUNDERS: &[&str] = &["remanence", "force_lag", "anti_alias_mismatch"];
 
-pub(super) const ONE_TAU: About = About {
-    id: "coil_lag",
-    form: Some("one_tau"),
-    what: "the coil's current follows the drive with one time constant",
-    parameters: &[Parameter::absolute("tau_s", TAU_S, PROBE_S)],
-    separated_by: SEPARATED_BY,
-    confounders: CONFOUNDERS,
-    needs: &[Need::Drive],
-};
+/// One time constant.
+pub(super) struct CoilLag;
 
-pub(super) const RISE_FALL: About = About {
-    form: Some("rise_fall"),
-    what: "the coil's current rises with one time constant and falls with another",
-    parameters: &[
-        Parameter::absolute("tau_rise_s", TAU_S, PROBE_S),
-        Parameter::absolute("tau_fall_s", TAU_S, PROBE_S),
-    ],
-    ..ONE_TAU
-};
+impl Definition for CoilLag {
+    const PROPERTIES: Properties = Properties {
+        id: "coil_lag",
+        form: Some("one_tau"),
+        what: "the coil's current follows the drive with one time constant",
+        parameters: &[Parameter::absolute("tau_s", Unit::SECOND, TAU_S, PROBE_S)],
+        example: &[0.012],
+        separated_by: SEPARATED_BY,
+        confounders: CONFOUNDERS,
+        needs: &[Need::Drive],
+        layer: Layer::Coil(0),
+        inversion: Inversion::Lead(|[tau_s, ..]| [tau_s; 2]),
+        static_stiffness_n_m: |_| 0.0,
+        refinement: Some(Refinement { effect: Effect::CoilLagRiseFall, values: |[tau_s, ..]| [tau_s; 2] }),
+    };
+
+    #[inline]
+    fn step(
+        [tau_s, ..]: Values,
+        state: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        step([tau_s; 2], state, inputs, inside)
+    }
+}
+
+/// One time constant for rise and one for fall.
+pub(super) struct CoilLagRiseFall;
+
+impl Definition for CoilLagRiseFall {
+    const PROPERTIES: Properties = Properties {
+        id: "coil_lag",
+        form: Some("rise_fall"),
+        what: "the coil's current rises with one time constant and falls with another",
+        parameters: &[
+            Parameter::absolute("tau_rise_s", Unit::SECOND, TAU_S, PROBE_S),
+            Parameter::absolute("tau_fall_s", Unit::SECOND, TAU_S, PROBE_S),
+        ],
+        example: &[0.006, 0.019],
+        separated_by: SEPARATED_BY,
+        confounders: CONFOUNDERS,
+        needs: &[Need::Drive],
+        layer: Layer::Coil(0),
+        inversion: Inversion::Lead(|taus_s| taus_s),
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(values: Values, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
+        step(values, state, inputs, inside)
+    }
+}
 
 /// One sample with the time constants of rise and fall.
 #[inline]
-pub(super) fn step(
+fn step(
     [rise_s, fall_s]: [f64; 2],
     state: &mut EffectState,
     inputs: &Inputs,

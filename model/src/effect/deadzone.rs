@@ -24,44 +24,59 @@
 //! while to cross. The probe is therefore as large as a gap of practical size.
 
 use super::parts::{play, scaled};
-use super::{About, EffectState, Inside, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 
-pub(super) const ABOUT: About = About {
-    id: "deadzone",
-    form: None,
-    what: "free play: no force for a short way after each reversal",
-    parameters: &[Parameter::absolute("gap_m", [0.0, 3e-3], 3e-4)],
-    separated_by: "small and large strokes at equal speed: the distance without force does not grow with the stroke",
-    confounders: &["friction", "force_lag"],
-    needs: &[],
-};
+pub(super) struct Deadzone;
 
-#[inline]
-pub(super) fn step(gap_m: f64, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
-    let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-    if !(x.is_finite() && v.is_finite()) {
-        state.elapsed.miss(inputs.dt_s);
-        inside.run(inputs);
-        return None;
-    }
-    let half_m = 0.5 * gap_m;
-    let (y, share) = match state.elapsed.hit(inputs.dt_s) {
-        None => (if v == 0.0 { x } else { x - half_m * v.signum() }, 1.0),
-        Some(_) => {
-            let [x_before, y_before, share] = state.held;
-            let (y, step_m) = (play(y_before, x, half_m), x - x_before);
-            let beyond_m = (x - y_before) * step_m.signum() - half_m;
-            let share = if step_m == 0.0 { share } else { (0.5 + beyond_m / step_m.abs()).clamp(0.0, 1.0) };
-            (y, share)
-        }
+impl Definition for Deadzone {
+    const PROPERTIES: Properties = Properties {
+        id: "deadzone",
+        form: None,
+        what: "free play: no force for a short way after each reversal",
+        parameters: &[Parameter::absolute("gap_m", Unit::METRE, [0.0, 3e-3], 3e-4)],
+        example: &[8e-4],
+        separated_by: "small and large strokes at equal speed: the distance without force does not grow with the stroke",
+        confounders: &["friction", "force_lag"],
+        needs: &[],
+        layer: Layer::Rod(0),
+        inversion: Inversion::Search,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
     };
-    state.held = [x, y, share];
-    let force_n = inside.run(&Inputs {
-        displacement_m: y,
-        velocity_m_s: share * v,
-        acceleration_m_s2: share * inputs.acceleration_m_s2,
-        ..*inputs
-    })?;
-    Some(scaled(force_n, inside.offset_n(), share))
+
+    #[inline]
+    fn step(
+        [gap_m, ..]: Values,
+        state: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
+        if !(x.is_finite() && v.is_finite()) {
+            state.elapsed.miss(inputs.dt_s);
+            inside.run(inputs);
+            return None;
+        }
+        let half_m = 0.5 * gap_m;
+        let (y, share) = match state.elapsed.hit(inputs.dt_s) {
+            None => (if v == 0.0 { x } else { x - half_m * v.signum() }, 1.0),
+            Some(_) => {
+                let [x_before, y_before, share] = state.held;
+                let (y, step_m) = (play(y_before, x, half_m), x - x_before);
+                let beyond_m = (x - y_before) * step_m.signum() - half_m;
+                let share =
+                    if step_m == 0.0 { share } else { (0.5 + beyond_m / step_m.abs()).clamp(0.0, 1.0) };
+                (y, share)
+            }
+        };
+        state.held = [x, y, share];
+        let force_n = inside.run(&Inputs {
+            displacement_m: y,
+            velocity_m_s: share * v,
+            acceleration_m_s2: share * inputs.acceleration_m_s2,
+            ..*inputs
+        })?;
+        Some(scaled(force_n, inside.offset_n(), share))
+    }
 }

@@ -10,32 +10,47 @@
 //! | x0 | `clearance_m` | m | displacement at which the rod meets it, on either side |
 //! | x | input | m | displacement, positive in extension |
 
-use super::{About, EffectState, Inside, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 use crate::force::law::Scale;
 
-pub(super) const ABOUT: About = About {
-    id: "end_stop",
-    form: None,
-    what: "a bumper pushes back near the ends of the stroke",
-    parameters: &[
-        Parameter::relative("stiffness_n_m", Scale::new(1, -1, 0, 0), [0.0, 1e3], 0.01),
-        Parameter::shape("clearance_m", Scale::new(0, 1, 0, 0), [0.2, 1.0], 0.8),
-    ],
-    separated_by: "strokes to the ends, slow and fast: the force does not depend on speed and current",
-    confounders: &["gas_spring", "position_dependence"],
-    needs: &[],
-};
+pub(super) struct EndStop;
 
-#[inline]
-pub(super) fn step(
-    [stiffness_n_m, clearance_m]: [f64; 2],
-    _: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
-    let x = inputs.displacement_m;
-    // Not `f64::max`, which would turn NaN into zero.
-    let beyond_m = if x.abs() <= clearance_m { 0.0 } else { (x.abs() - clearance_m).copysign(x) };
-    Some(inside.run(inputs)? + stiffness_n_m * beyond_m)
+impl Definition for EndStop {
+    const PROPERTIES: Properties = Properties {
+        id: "end_stop",
+        form: None,
+        what: "a bumper pushes back near the ends of the stroke",
+        parameters: &[
+            Parameter::relative(
+                "stiffness_n_m",
+                Unit::NEWTON_PER_METRE,
+                Scale::new(1, -1, 0, 0),
+                [0.0, 1e3],
+                0.01,
+            ),
+            Parameter::shape("clearance_m", Unit::METRE, Scale::new(0, 1, 0, 0), [0.2, 1.0], 0.8),
+        ],
+        example: &[2e5, 0.008],
+        separated_by: "strokes to the ends, slow and fast: the force does not depend on speed and current",
+        confounders: &["gas_spring", "position_dependence"],
+        needs: &[],
+        layer: Layer::Parallel(3),
+        inversion: Inversion::Subtract,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(
+        [stiffness_n_m, clearance_m, ..]: Values,
+        _: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        let x = inputs.displacement_m;
+        // Not `f64::max`, which would turn NaN into zero.
+        let beyond_m = if x.abs() <= clearance_m { 0.0 } else { (x.abs() - clearance_m).copysign(x) };
+        Some(inside.run(inputs)? + stiffness_n_m * beyond_m)
+    }
 }

@@ -12,25 +12,34 @@
 //! The change of sign at rest is smooth, over 5 mm/s.
 
 use super::parts::smooth_sign;
-use super::{About, EffectState, Inside, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 
-pub(super) const ABOUT: About = About {
-    id: "friction",
-    form: None,
-    what: "seals and guides add Coulomb friction, the same at any speed and current",
-    parameters: &[Parameter::absolute("friction_n", [0.0, 200.0], 2.0)],
-    separated_by: "slow motion without current",
-    confounders: &["asymmetry", "deadzone", "velocity_saturation"],
-    needs: &[],
-};
+pub(super) struct Friction;
 
-#[inline]
-pub(super) fn step(
-    friction_n: f64,
-    _: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
-    Some(inside.run(inputs)? + friction_n * smooth_sign(inputs.velocity_m_s))
+impl Definition for Friction {
+    const PROPERTIES: Properties = Properties {
+        id: "friction",
+        form: None,
+        what: "seals and guides add Coulomb friction, the same at any speed and current",
+        parameters: &[Parameter::absolute("friction_n", Unit::NEWTON, [0.0, 200.0], 2.0)],
+        example: &[60.0],
+        separated_by: "slow motion without current",
+        confounders: &["asymmetry", "deadzone", "velocity_saturation"],
+        needs: &[],
+        layer: Layer::Parallel(1),
+        inversion: Inversion::Subtract,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(
+        [friction_n, ..]: Values,
+        _: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        Some(inside.run(inputs)? + friction_n * smooth_sign(inputs.velocity_m_s))
+    }
 }

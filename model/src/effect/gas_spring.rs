@@ -11,25 +11,34 @@
 //!
 //! The force of the gas at rest is part of the session's force offset.
 
-use super::{About, EffectState, Inside, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 
-pub(super) const ABOUT: About = About {
-    id: "gas_spring",
-    form: None,
-    what: "the gas pushes back in proportion to displacement",
-    parameters: &[Parameter::absolute("stiffness_n_m", [0.0, 20e3], 200.0)],
-    separated_by: "slow, long strokes without current: force at equal speed, at positions further in and further out",
-    confounders: &["inertia", "end_stop", "position_dependence"],
-    needs: &[],
-};
+pub(super) struct GasSpring;
 
-#[inline]
-pub(super) fn step(
-    stiffness_n_m: f64,
-    _: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
-    Some(inside.run(inputs)? + stiffness_n_m * inputs.displacement_m)
+impl Definition for GasSpring {
+    const PROPERTIES: Properties = Properties {
+        id: "gas_spring",
+        form: None,
+        what: "the gas pushes back in proportion to displacement",
+        parameters: &[Parameter::absolute("stiffness_n_m", Unit::NEWTON_PER_METRE, [0.0, 20e3], 200.0)],
+        example: &[6e3],
+        separated_by: "slow, long strokes without current: force at equal speed, at positions further in and further out",
+        confounders: &["inertia", "end_stop", "position_dependence"],
+        needs: &[],
+        layer: Layer::Parallel(2),
+        inversion: Inversion::Subtract,
+        static_stiffness_n_m: |[stiffness_n_m, ..]| stiffness_n_m,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(
+        [stiffness_n_m, ..]: Values,
+        _: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        Some(inside.run(inputs)? + stiffness_n_m * inputs.displacement_m)
+    }
 }

@@ -11,22 +11,31 @@
 //!
 //! The first sample has no acceleration yet, so it has a force only if the mass is zero.
 
-use super::{About, EffectState, Inside, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 
-pub(super) const ABOUT: About = About {
-    id: "inertia",
-    form: None,
-    what: "a mass that moves with the rod adds its inertial force",
-    parameters: &[Parameter::absolute("mass_kg", [0.0, 5.0], 0.05)],
-    separated_by: "high-frequency motion without current: the force of a mass leads, a lag is late",
-    confounders: &["sensor_delay", "force_lag", "gas_spring", "anti_alias_mismatch"],
-    needs: &[],
-};
+pub(super) struct Inertia;
 
-#[inline]
-pub(super) fn step(mass_kg: f64, _: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
-    let force_n = inside.run(inputs)?;
-    // Without a mass no acceleration is needed.
-    if mass_kg == 0.0 { Some(force_n) } else { Some(force_n + mass_kg * inputs.acceleration_m_s2) }
+impl Definition for Inertia {
+    const PROPERTIES: Properties = Properties {
+        id: "inertia",
+        form: None,
+        what: "a mass that moves with the rod adds its inertial force",
+        parameters: &[Parameter::absolute("mass_kg", Unit::KILOGRAM, [0.0, 5.0], 0.05)],
+        example: &[1.5],
+        separated_by: "high-frequency motion without current: the force of a mass leads, a lag is late",
+        confounders: &["sensor_delay", "force_lag", "gas_spring", "anti_alias_mismatch"],
+        needs: &[],
+        layer: Layer::Rod(2),
+        inversion: Inversion::Subtract,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step([mass_kg, ..]: Values, _: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
+        let force_n = inside.run(inputs)?;
+        // Without a mass no acceleration is needed.
+        if mass_kg == 0.0 { Some(force_n) } else { Some(force_n + mass_kg * inputs.acceleration_m_s2) }
+    }
 }

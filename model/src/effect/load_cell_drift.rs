@@ -11,37 +11,47 @@
 //!
 //! Time starts at the first sample, and again after a gap, because the length of a gap is not known here.
 
-use super::{About, EffectState, Inside, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 use crate::force::law::Scale;
 
 /// Fastest drift, 1/s: two per cent of the largest force a minute.
 const MOST_1_S: f64 = 0.02 / 60.0;
 
-pub(super) const ABOUT: About = About {
-    id: "load_cell_drift",
-    form: None,
-    what: "the load cell's zero drifts in proportion to time",
-    parameters: &[Parameter::relative(
-        "rate_n_s",
-        Scale::new(1, 0, 0, 0),
-        [-MOST_1_S, MOST_1_S],
-        0.02 * MOST_1_S,
-    )],
-    separated_by: "a long run, or rest before and after it",
-    confounders: &["thermal_fade"],
-    needs: &[],
-};
+pub(super) struct LoadCellDrift;
 
-#[inline]
-pub(super) fn step(
-    rate_n_s: f64,
-    state: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
-    // Time also advances at samples without a force.
-    state.held[0] = state.elapsed.hit(inputs.dt_s).map_or(0.0, |since_s| state.held[0] + since_s);
-    let time_s = state.held[0];
-    Some(inside.run(inputs)? + rate_n_s * time_s)
+impl Definition for LoadCellDrift {
+    const PROPERTIES: Properties = Properties {
+        id: "load_cell_drift",
+        form: None,
+        what: "the load cell's zero drifts in proportion to time",
+        parameters: &[Parameter::relative(
+            "rate_n_s",
+            Unit::new("_n_s", "N/s"),
+            Scale::new(1, 0, 0, 0),
+            [-MOST_1_S, MOST_1_S],
+            0.02 * MOST_1_S,
+        )],
+        example: &[0.2],
+        separated_by: "a long run, or rest before and after it",
+        confounders: &["thermal_fade"],
+        needs: &[],
+        layer: Layer::Measurement(2),
+        inversion: Inversion::Subtract,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(
+        [rate_n_s, ..]: Values,
+        state: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        // Time also advances at samples without a force.
+        state.held[0] = state.elapsed.hit(inputs.dt_s).map_or(0.0, |since_s| state.held[0] + since_s);
+        let time_s = state.held[0];
+        Some(inside.run(inputs)? + rate_n_s * time_s)
+    }
 }

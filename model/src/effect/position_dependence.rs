@@ -11,26 +11,35 @@
 //! | F0 | of the model | N | the session's force offset, which does not come from the damper |
 
 use super::parts::scaled;
-use super::{About, EffectState, Inside, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 
-pub(super) const ABOUT: About = About {
-    id: "position_dependence",
-    form: None,
-    what: "the force grows or falls along the stroke, in proportion to itself",
-    parameters: &[Parameter::absolute("growth_per_m", [-10.0, 10.0], 0.1)],
-    separated_by: "the same speeds and currents around several mean positions",
-    confounders: &["gas_spring", "asymmetry", "end_stop"],
-    needs: &[],
-};
+pub(super) struct PositionDependence;
 
-#[inline]
-pub(super) fn step(
-    growth_per_m: f64,
-    _: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
-    let force_n = inside.run(inputs)?;
-    Some(scaled(force_n, inside.offset_n(), 1.0 + growth_per_m * inputs.displacement_m))
+impl Definition for PositionDependence {
+    const PROPERTIES: Properties = Properties {
+        id: "position_dependence",
+        form: None,
+        what: "the force grows or falls along the stroke, in proportion to itself",
+        parameters: &[Parameter::absolute("growth_per_m", Unit::new("_per_m", "1/m"), [-10.0, 10.0], 0.1)],
+        example: &[4.0],
+        separated_by: "the same speeds and currents around several mean positions",
+        confounders: &["gas_spring", "asymmetry", "end_stop"],
+        needs: &[],
+        layer: Layer::Gap(1),
+        inversion: Inversion::Search,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(
+        [growth_per_m, ..]: Values,
+        _: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        let force_n = inside.run(inputs)?;
+        Some(scaled(force_n, inside.offset_n(), 1.0 + growth_per_m * inputs.displacement_m))
+    }
 }

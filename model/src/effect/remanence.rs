@@ -15,31 +15,40 @@
 //! Source: `[prandtl-ishlinskii]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::parts::play;
-use super::{About, EffectState, Inside, Need, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Need, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 
-pub(super) const ABOUT: About = About {
-    id: "remanence",
-    form: None,
-    what: "the field lags behind the current by a fixed width, up and down",
-    parameters: &[Parameter::absolute("half_width_drive", [0.0, 0.4], 0.02)],
-    separated_by: "slow ramps of the current, up and down, at constant speed: the loop does not shrink with the rate",
-    confounders: &["coil_lag"],
-    needs: &[Need::Drive],
-};
+pub(super) struct Remanence;
 
-#[inline]
-pub(super) fn step(
-    half_width: f64,
-    state: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
-    let Some(since_s) = state.drive(inputs) else { return inside.run(inputs) };
-    let drive = match since_s {
-        None => inputs.drive,
-        Some(_) => play(state.held[0], inputs.drive, half_width),
+impl Definition for Remanence {
+    const PROPERTIES: Properties = Properties {
+        id: "remanence",
+        form: None,
+        what: "the field lags behind the current by a fixed width, up and down",
+        parameters: &[Parameter::absolute("half_width_drive", Unit::DRIVE, [0.0, 0.4], 0.02)],
+        example: &[0.15],
+        separated_by: "slow ramps of the current, up and down, at constant speed: the loop does not shrink with the rate",
+        confounders: &["coil_lag"],
+        needs: &[Need::Drive],
+        layer: Layer::Core(0),
+        inversion: Inversion::Search,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
     };
-    state.held[0] = drive;
-    inside.run(&Inputs { drive, ..*inputs })
+
+    #[inline]
+    fn step(
+        [half_width, ..]: Values,
+        state: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        let Some(since_s) = state.drive(inputs) else { return inside.run(inputs) };
+        let drive = match since_s {
+            None => inputs.drive,
+            Some(_) => play(state.held[0], inputs.drive, half_width),
+        };
+        state.held[0] = drive;
+        inside.run(&Inputs { drive, ..*inputs })
+    }
 }

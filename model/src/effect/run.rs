@@ -1,10 +1,8 @@
 //! Effects with parameters, and force models with effects around them.
 
+use super::definition::{Inversion, Values};
 use super::parts::{Coefficients, Elapsed, Lag, Ring};
-use super::{Effect, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need, coil_lag, end_stop};
-use super::{anti_alias_mismatch, asymmetry, deadzone, force_lag, friction, gas_spring, inertia};
-use super::{load_cell_drift, position_dependence, remanence, sensor_delay, series_spring};
-use super::{thermal_fade, velocity_saturation};
+use super::{Effect, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need};
 use crate::error::{Error, ForceError};
 use crate::force::{ForceModel, FreeRun, FuzzyTanhAlong, Inputs};
 
@@ -13,7 +11,7 @@ use crate::force::{ForceModel, FreeRun, FuzzyTanhAlong, Inputs};
 pub struct EffectModel {
     effect: Effect,
     /// In the order of [`Effect::parameters`]; zeros beyond.
-    parameters: [f64; MAX_EFFECT_PARAMETERS],
+    parameters: Values,
 }
 
 impl EffectModel {
@@ -49,7 +47,7 @@ impl EffectModel {
     }
 
     /// Without a check, for values from this library.
-    pub(super) const fn unchecked(effect: Effect, parameters: [f64; MAX_EFFECT_PARAMETERS]) -> Self {
+    pub(super) const fn unchecked(effect: Effect, parameters: Values) -> Self {
         Self { effect, parameters }
     }
 
@@ -65,30 +63,31 @@ impl EffectModel {
         &self.parameters[..self.effect.parameters().len()]
     }
 
+    /// The refined form with the values at which it equals this one, if there is a refined form.
+    #[must_use]
+    pub fn refined(&self) -> Option<Self> {
+        let refinement = self.effect.properties().refinement?;
+        Some(Self { effect: refinement.effect, parameters: (refinement.values)(self.parameters) })
+    }
+
+    /// Time constants of rise and fall, s, if it is a lag of the drive.
+    pub(crate) fn drive_lag_s(&self) -> Option<[f64; 2]> {
+        match self.effect.properties().inversion {
+            Inversion::Lead(taus_s) => Some(taus_s(self.parameters)),
+            Inversion::Subtract | Inversion::Search => None,
+        }
+    }
+
+    /// Stiffness of the force that it adds at rest over the whole stroke, N/m.
+    pub(crate) fn static_stiffness_n_m(&self) -> f64 {
+        (self.effect.properties().static_stiffness_n_m)(self.parameters)
+    }
+
     /// One sample: steps the model inside with the inputs that the effect gives it, and returns the force with the effect. `None` if that
     /// is not finite.
     #[inline]
     fn step(&self, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
-        let p = self.parameters;
-        let force_n = match self.effect {
-            Effect::CoilLag => coil_lag::step([p[0], p[0]], state, inputs, inside),
-            Effect::CoilLagRiseFall => coil_lag::step(p, state, inputs, inside),
-            Effect::Remanence => remanence::step(p[0], state, inputs, inside),
-            Effect::ThermalFade => thermal_fade::step(p[0], state, inputs, inside),
-            Effect::GasSpring => gas_spring::step(p[0], state, inputs, inside),
-            Effect::Inertia => inertia::step(p[0], state, inputs, inside),
-            Effect::Friction => friction::step(p[0], state, inputs, inside),
-            Effect::Asymmetry => asymmetry::step(p[0], state, inputs, inside),
-            Effect::ForceLag => force_lag::step(p[0], state, inputs, inside),
-            Effect::SeriesSpring => series_spring::step(p[0], state, inputs, inside),
-            Effect::SensorDelay => sensor_delay::step(p[0], state, inputs, inside),
-            Effect::Deadzone => deadzone::step(p[0], state, inputs, inside),
-            Effect::EndStop => end_stop::step(p, state, inputs, inside),
-            Effect::LoadCellDrift => load_cell_drift::step(p[0], state, inputs, inside),
-            Effect::PositionDependence => position_dependence::step(p[0], state, inputs, inside),
-            Effect::VelocitySaturation => velocity_saturation::step(p[0], state, inputs, inside),
-            Effect::AntiAliasMismatch => anti_alias_mismatch::step(p[0], state, inputs, inside),
-        };
+        let force_n = self.effect.step(self.parameters, state, inputs, inside);
         force_n.filter(|force_n| force_n.is_finite())
     }
 }

@@ -14,37 +14,48 @@
 //! rate: above 6.2 kHz it keeps samples 0.16 ms apart. Until it goes back far enough, the first force is used. An early force would
 //! need future displacements; a causal model can only extrapolate them. Drive and acceleration are not changed.
 
-use super::{About, EffectState, Inside, MAX_DELAY_S, Parameter};
+use super::{
+    Definition, EffectState, Inside, Inversion, Layer, MAX_DELAY_S, Parameter, Properties, Unit, Values,
+};
 use crate::force::Inputs;
 
-pub(super) const ABOUT: About = About {
-    id: "sensor_delay",
-    form: None,
-    what: "the force channel is late, or early, by a fixed time",
-    parameters: &[Parameter::absolute("delay_s", [-MAX_DELAY_S, MAX_DELAY_S], 5e-4)],
-    separated_by: "motion over a wide band: phase that grows in proportion to frequency while amplitude stays",
-    confounders: &["force_lag", "inertia", "anti_alias_mismatch"],
-    needs: &[],
-};
+pub(super) struct SensorDelay;
 
-#[inline]
-pub(super) fn step(
-    delay_s: f64,
-    state: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
-    if delay_s < 0.0 {
-        return inside.run(&Inputs {
-            displacement_m: inputs.displacement_m - delay_s * inputs.velocity_m_s,
-            velocity_m_s: inputs.velocity_m_s - delay_s * inputs.acceleration_m_s2,
-            ..*inputs
-        });
+impl Definition for SensorDelay {
+    const PROPERTIES: Properties = Properties {
+        id: "sensor_delay",
+        form: None,
+        what: "the force channel is late, or early, by a fixed time",
+        parameters: &[Parameter::absolute("delay_s", Unit::SECOND, [-MAX_DELAY_S, MAX_DELAY_S], 5e-4)],
+        example: &[0.005],
+        separated_by: "motion over a wide band: phase that grows in proportion to frequency while amplitude stays",
+        confounders: &["force_lag", "inertia", "anti_alias_mismatch"],
+        needs: &[],
+        layer: Layer::Measurement(0),
+        inversion: Inversion::Search,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(
+        [delay_s, ..]: Values,
+        state: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        if delay_s < 0.0 {
+            return inside.run(&Inputs {
+                displacement_m: inputs.displacement_m - delay_s * inputs.velocity_m_s,
+                velocity_m_s: inputs.velocity_m_s - delay_s * inputs.acceleration_m_s2,
+                ..*inputs
+            });
+        }
+        let (force_n, since_s) = state.force_inside(inputs, inside)?;
+        match since_s {
+            None => state.ring.restart(force_n),
+            Some(since_s) => state.ring.push(since_s, force_n),
+        }
+        Some(state.ring.at(delay_s))
     }
-    let (force_n, since_s) = state.force_inside(inputs, inside)?;
-    match since_s {
-        None => state.ring.restart(force_n),
-        Some(since_s) => state.ring.push(since_s, force_n),
-    }
-    Some(state.ring.at(delay_s))
 }

@@ -39,7 +39,7 @@
 //! at larger current.
 //! See `[maxwell]` in the bibliography (node/docs/guide/bibliography.md).
 
-use super::{About, EffectState, Inside, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::{Inputs, Way};
 
 /// Length of a Newton step relative to |force| + 1 N. Up to the first value the step is the last; from the second value on it is not.
@@ -54,15 +54,60 @@ const TOLERANCE: f64 = 1e-7;
 /// The same without a secant: at the first trial, or within a jump.
 const EXACT: f64 = 1e-10;
 
-pub(super) const ABOUT: About = About {
-    id: "force_lag",
-    form: Some("series_spring"),
-    what: "a spring in series: the piston moves less than the rod",
-    parameters: &[Parameter::absolute("compliance_m_n", [0.0, 1e-5], 1e-8)],
-    separated_by: "motion over a wide band at several currents: the lag grows with the damping",
-    confounders: &["sensor_delay", "inertia", "anti_alias_mismatch", "coil_lag"],
-    needs: &[],
-};
+pub(super) struct SeriesSpring;
+
+impl Definition for SeriesSpring {
+    const PROPERTIES: Properties = Properties {
+        id: "force_lag",
+        form: Some("series_spring"),
+        what: "a spring in series: the piston moves less than the rod",
+        parameters: &[Parameter::absolute("compliance_m_n", Unit::new("_m_n", "m/N"), [0.0, 1e-5], 1e-8)],
+        example: &[3e-7],
+        separated_by: "motion over a wide band at several currents: the lag grows with the damping",
+        confounders: &["sensor_delay", "inertia", "anti_alias_mismatch", "coil_lag"],
+        needs: &[],
+        layer: Layer::Rod(1),
+        inversion: Inversion::Search,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(
+        [compliance_m_n, ..]: Values,
+        state: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        if compliance_m_n == 0.0 {
+            return inside.run(inputs);
+        }
+        let [force_before_n, force_rate_n_s, slope] = state.held;
+        let before = state.elapsed.since_s(inputs.dt_s).map(|since_s| Before {
+            per_s: since_s.recip(),
+            force_n: force_before_n,
+            guess_n: force_before_n + force_rate_n_s * since_s,
+            force_rate_n_s,
+        });
+        let spring = Spring { compliance_m_n, offset_n: inside.offset_n(), before };
+        let newton = Newton::search(&spring, slope, inputs, inside);
+        let found = if newton.unsure > 0.0 {
+            // The model is stepped even if it gives no force: it may be filling its history.
+            let mut trials = inside.trials();
+            let model = |force_n: f64| trials.step(&spring.behind(inputs, force_n));
+            solve(newton.at_n, newton.slope, spring.offset_n, model).map(|found| newton.then(found))
+        } else {
+            Some((newton.force_n, newton.slope))
+        };
+        let Some((force_n, slope)) = found else {
+            state.elapsed.miss(inputs.dt_s);
+            return None;
+        };
+        state.elapsed.hit(inputs.dt_s);
+        state.held = [force_n, spring.rates(force_n).0, slope];
+        Some(force_n)
+    }
+}
 
 /// The spring at one sample.
 struct Spring {
@@ -104,42 +149,6 @@ impl Spring {
             ..*inputs
         }
     }
-}
-
-#[inline]
-pub(super) fn step(
-    compliance_m_n: f64,
-    state: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
-    if compliance_m_n == 0.0 {
-        return inside.run(inputs);
-    }
-    let [force_before_n, force_rate_n_s, slope] = state.held;
-    let before = state.elapsed.since_s(inputs.dt_s).map(|since_s| Before {
-        per_s: since_s.recip(),
-        force_n: force_before_n,
-        guess_n: force_before_n + force_rate_n_s * since_s,
-        force_rate_n_s,
-    });
-    let spring = Spring { compliance_m_n, offset_n: inside.offset_n(), before };
-    let newton = Newton::search(&spring, slope, inputs, inside);
-    let found = if newton.unsure > 0.0 {
-        // The model is stepped even if it gives no force: it may be filling its history.
-        let mut trials = inside.trials();
-        let model = |force_n: f64| trials.step(&spring.behind(inputs, force_n));
-        solve(newton.at_n, newton.slope, spring.offset_n, model).map(|found| newton.then(found))
-    } else {
-        Some((newton.force_n, newton.slope))
-    };
-    let Some((force_n, slope)) = found else {
-        state.elapsed.miss(inputs.dt_s);
-        return None;
-    };
-    state.elapsed.hit(inputs.dt_s);
-    state.held = [force_n, spring.rates(force_n).0, slope];
-    Some(force_n)
 }
 
 /// Newton iteration for `model(F) = F`.

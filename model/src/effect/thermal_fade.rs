@@ -13,30 +13,39 @@
 //! A sample without a temperature has no force. Yield and viscous parts of the force fade by the same factor here.
 
 use super::parts::scaled;
-use super::{About, EffectState, Inside, Need, Parameter};
+use super::{Definition, EffectState, Inside, Inversion, Layer, Need, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
 
 /// Temperature at which the effect does not change the model's force, °C.
 const REFERENCE_C: f64 = 25.0;
 
-pub(super) const ABOUT: About = About {
-    id: "thermal_fade",
-    form: None,
-    what: "the force falls as the damper warms up",
-    parameters: &[Parameter::absolute("fade_per_k", [-0.01, 0.0], -5e-4)],
-    separated_by: "the same motion and current, cold and warm",
-    confounders: &["load_cell_drift"],
-    needs: &[Need::CaseTemperature],
-};
+pub(super) struct ThermalFade;
 
-#[inline]
-pub(super) fn step(
-    fade_per_k: f64,
-    _: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
-    let force_n = inside.run(inputs)?;
-    let factor = 1.0 + fade_per_k * (inputs.case_temp_c - REFERENCE_C);
-    Some(scaled(force_n, inside.offset_n(), factor))
+impl Definition for ThermalFade {
+    const PROPERTIES: Properties = Properties {
+        id: "thermal_fade",
+        form: None,
+        what: "the force falls as the damper warms up",
+        parameters: &[Parameter::absolute("fade_per_k", Unit::new("_per_k", "1/K"), [-0.01, 0.0], -5e-4)],
+        example: &[-0.003],
+        separated_by: "the same motion and current, cold and warm",
+        confounders: &["load_cell_drift"],
+        needs: &[Need::CaseTemperature],
+        layer: Layer::Gap(0),
+        inversion: Inversion::Search,
+        static_stiffness_n_m: |_| 0.0,
+        refinement: None,
+    };
+
+    #[inline]
+    fn step(
+        [fade_per_k, ..]: Values,
+        _: &mut EffectState,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<f64> {
+        let force_n = inside.run(inputs)?;
+        let factor = 1.0 + fade_per_k * (inputs.case_temp_c - REFERENCE_C);
+        Some(scaled(force_n, inside.offset_n(), factor))
+    }
 }

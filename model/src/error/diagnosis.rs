@@ -1,5 +1,6 @@
 //! Errors of a diagnosis as a whole. The reason why one effect is refused is [`crate::diagnose::Refusal`].
 
+use crate::force::ForceLaw;
 use serde::Serialize;
 use thiserror::Error;
 
@@ -73,11 +74,11 @@ pub enum DiagnosisError {
         /// The ids of the library.
         known: Vec<&'static str>,
     },
-    /// The base has no coefficients from which an effect could be told.
+    /// The coefficients of the base have no physical meaning, so an effect cannot be separated from them.
     #[error(
         "a diagnosis cannot start from the {model} model, because its coefficients have no physical meaning to separate an effect from: use \
-         fuzzy-tanh or a force law (sp, bouc-wen, kwok, li, cesmeci-engin, choi, arctan) as base, or give reference runs with the same \
-         excitation"
+         fuzzy-tanh or a force law ({}) as base, or give reference runs with the same excitation",
+        ForceLaw::ALL.map(ForceLaw::name).join(", ")
     )]
     BaseNotPhysical {
         /// Name of the base.

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use thiserror::Error;
 
-/// What is wrong in a line of a `.fis` file.
+/// Faults of a line of a `.fis` file.
 #[derive(Debug, Clone, PartialEq, Error, Serialize)]
 #[serde(tag = "code", rename_all = "snake_case")]
 #[non_exhaustive]
@@ -90,7 +90,7 @@ pub enum FisProblem {
     /// The shape of a membership or conclusion is not known.
     #[error("{of} '{shape}' is not known; known are {known}")]
     UnknownShape {
-        /// What has the shape: a membership or a conclusion.
+        /// The part with this shape: membership or conclusion.
         of: &'static str,
         /// The shape.
         shape: String,
@@ -108,7 +108,7 @@ pub enum FisProblem {
     /// Two rules are for the same memberships.
     #[error("there is already a rule for these memberships")]
     RepeatedRule,
-    /// There is no rule for a combination of memberships.
+    /// A combination of memberships lacks a rule.
     #[error(
         "the rule for the memberships {} is missing; a full grid is needed",
         memberships.iter().map(usize::to_string).collect::<Vec<_>>().join(" ")
@@ -122,7 +122,7 @@ pub enum FisProblem {
     Rule {
         /// The rule.
         rule: String,
-        /// What is wrong with it.
+        /// Its fault.
         problem: RuleProblem,
     },
     /// A quoted text does not end.
@@ -151,15 +151,15 @@ pub enum FisProblem {
     },
 }
 
-/// What is wrong with a rule of a `.fis` file.
+/// Faults of a rule of a `.fis` file.
 #[derive(Debug, Clone, PartialEq, Error, Serialize)]
 #[serde(tag = "code", rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum RuleProblem {
-    /// There is no comma after the memberships.
+    /// The comma after the memberships is missing.
     #[error("must be \"sets, conclusion (1) : 1\"")]
     Form,
-    /// There is no weight.
+    /// The weight is missing.
     #[error("has no weight in parentheses")]
     NoWeight,
     /// The parenthesis of the weight is not closed.
@@ -174,7 +174,7 @@ pub enum RuleProblem {
     /// A number of a membership or conclusion is not valid.
     #[error("{of} is \"{text}\", but must be 1 to {most}")]
     Index {
-        /// What the number belongs to.
+        /// The part that the number belongs to.
         of: &'static str,
         /// The text of the number.
         text: String,

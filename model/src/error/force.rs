@@ -44,10 +44,10 @@ pub enum ForceError {
         parameter: &'static str,
         /// The invalid value.
         value: f64,
-        /// Lowest and highest allowed value; not finite if there is no limit.
+        /// Lowest and highest allowed value; infinite without a limit.
         allowed: [f64; 2],
     },
-    /// An effect acts on the drive, and the model has none.
+    /// An effect acts on the drive, which the model lacks.
     #[error(
         "effect {effect} acts on the drive, but the {model} model has none: remove the effect, or use a model that depends on the drive"
     )]

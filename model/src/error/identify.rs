@@ -114,7 +114,7 @@ pub enum IdentifyError {
     TooFewSamples {
         /// Name of the structure.
         model: &'static str,
-        /// Which samples are counted, as a clause after "samples"; `None` for all.
+        /// The counted samples, as a clause after "samples"; `None` for all.
         which: Option<String>,
         /// Number of these samples.
         samples: usize,
@@ -122,7 +122,7 @@ pub enum IdentifyError {
         needed: usize,
         /// Number of unknowns of the model.
         count: usize,
-        /// What the unknowns are called: parameters, weights, points.
+        /// Name of the unknowns: parameters, weights, points.
         parts: &'static str,
     },
     /// No sample is left for the choice between trained networks.

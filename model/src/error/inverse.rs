@@ -9,7 +9,7 @@ use thiserror::Error;
 pub struct InverseError {
     /// Name of the model.
     pub model: &'static str,
-    /// Why it has none.
+    /// The reason.
     #[serde(flatten)]
     pub why: NoInverse,
 }

@@ -84,13 +84,13 @@ pub enum Error {
     /// A preset is a phase-transition relation, which relates force to motion but cannot run as a model.
     #[error(
         "{name} cannot run as a model: it computes the force from the measured force of the same instant{}. `mr-damper compare` shows \
-         how well p holds on runs; the most similar preset that runs is {nearest}", because(why.as_ref(), *drive)
+         how well p holds on runs; the most similar preset that runs is {nearest}", because(why.as_deref(), *drive)
     )]
     PhaseRelation {
         /// The requested name.
         name: String,
         /// What happens if it is integrated.
-        why: Option<CannotRun>,
+        why: Option<Box<CannotRun>>,
         /// The drive at which `why` holds, A; `None` for a relation without a drive.
         drive: Option<f64>,
         /// The most similar preset that can run.

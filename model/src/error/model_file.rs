@@ -107,7 +107,7 @@ pub enum ModelFileError {
         /// Name of the input.
         input: &'static str,
     },
-    /// A model that needs a drive has none.
+    /// A model lacks the drive that it needs.
     #[error("model file: drive is missing; a {model} model needs \"current_a\" or \"command_v\"")]
     MissingDrive {
         /// Name of the model.
@@ -161,7 +161,7 @@ pub enum ModelFileError {
     Uncertainty {
         /// The key within the table of the uncertainty.
         key: String,
-        /// What is wrong with it.
+        /// Its fault.
         problem: Box<UncertaintyProblem>,
     },
 }
@@ -181,7 +181,7 @@ fn counts(least: usize, most: usize) -> String {
     }
 }
 
-/// What is wrong with a key of a calibrated uncertainty. The sentence continues the name of the key.
+/// Faults of a key of a calibrated uncertainty. The sentence continues the name of the key.
 #[derive(Debug, Clone, PartialEq, ThisError, Serialize)]
 #[serde(tag = "code", rename_all = "snake_case")]
 #[non_exhaustive]
@@ -227,7 +227,7 @@ pub enum UncertaintyProblem {
     Size {
         /// Number of values or rows.
         found: usize,
-        /// What was counted, in words.
+        /// The counted items, in words.
         of: String,
         /// The key that defines the size.
         other: String,

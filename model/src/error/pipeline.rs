@@ -40,7 +40,7 @@ pub enum PipelineError {
     LawWithoutInverse {
         /// Name of the control law.
         law: &'static str,
-        /// Why there is no inverse.
+        /// The reason for the missing inverse.
         error: Box<Error>,
     },
     /// The requested method gives no inverse.
@@ -48,7 +48,7 @@ pub enum PipelineError {
     MethodWithoutInverse {
         /// Name of the method.
         method: &'static str,
-        /// Why there is no inverse.
+        /// The reason for the missing inverse.
         error: Box<Error>,
     },
 }

@@ -5,7 +5,7 @@ use super::method::Method;
 use super::shape::Shape;
 use super::solve::{Moment, Solution, Solver};
 use super::surrogate::Surrogate;
-use crate::effect::{Augmented, Effect, EffectModel, Effects};
+use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::{Error, InverseError, NoInverse};
 use crate::force::Inputs;
 use crate::model::{Model, Preload};
@@ -56,16 +56,8 @@ impl Inverse {
             let [finite, points] = shape.points;
             return Err(refused(model, NoInverse::FewFiniteForces { finite, points }));
         }
-        let mut coil = None;
-        for effect in model.effects.as_slice() {
-            match (effect.effect(), effect.parameters()) {
-                (Effect::CoilLag, [tau_s]) => coil = Some(Coil { rise_s: *tau_s, fall_s: *tau_s }),
-                (Effect::CoilLagRiseFall, [rise_s, fall_s]) => {
-                    coil = Some(Coil { rise_s: *rise_s, fall_s: *fall_s });
-                }
-                _ => {}
-            }
-        }
+        let lag = model.effects.as_slice().iter().rev().find_map(EffectModel::drive_lag_s);
+        let coil = lag.map(|[rise_s, fall_s]| Coil { rise_s, fall_s });
         let current_max_a = limits.current_max_a;
         let solver = Solver { current_max_a, folded: shape.real_fold().is_some(), linear: shape.is_linear() };
         let surrogate = Surrogate::of(model, method, &shape, limits)?;
@@ -91,8 +83,8 @@ impl Inverse {
 
 /// `model` without the lag of its coil: its drive is the current in the fluid.
 pub(super) fn without_lag(model: &Model) -> Result<Augmented, Error> {
-    let lags = |effect: &&EffectModel| !matches!(effect.effect(), Effect::CoilLag | Effect::CoilLagRiseFall);
-    let kept: Vec<EffectModel> = model.effects.as_slice().iter().filter(lags).copied().collect();
+    let others = |effect: &&EffectModel| !effect.effect().lags_drive();
+    let kept: Vec<EffectModel> = model.effects.as_slice().iter().filter(others).copied().collect();
     Augmented::new(model.force, Effects::new(&kept)?)
 }
 

@@ -235,8 +235,7 @@ fn check(model: &Model, method: Method, shape: &Shape) -> Result<(), Error> {
         let (fall_n, current_a) = (fold.fall_n, fold.current_a);
         return Err(refused(model, NoInverse::NotUnique { method, fall_n, current_a }));
     }
-    let stands =
-        |effect: Effect| effect.only_adds() || matches!(effect, Effect::CoilLag | Effect::CoilLagRiseFall);
+    let stands = |effect: Effect| effect.only_adds() || effect.lags_drive();
     match model.effects.as_slice().iter().find(|effect| !stands(effect.effect())) {
         Some(effect) => Err(refused(model, NoInverse::NotAForce { method, effect: effect.effect().title() })),
         None => Ok(()),

@@ -105,7 +105,7 @@ fn find_phase(name: &str) -> Option<Phase> {
 fn cannot_run(name: &str, relation: &Phase) -> Error {
     Error::PhaseRelation {
         name: name.to_owned(),
-        why: relation.cannot_run(0.0),
+        why: relation.cannot_run(0.0).map(Box::new),
         drive: relation.drive().map(|_| 0.0),
         nearest: name.replacen("/p-", "/sp-", 1),
     }

@@ -1,6 +1,6 @@
 //! The cases for testing the diagnosis: their contents, a few diagnoses, and the counting of rates.
 
-use crate::diagnosis::cases::{Case, CaseSpec, Kind, OUTSIDE, SIZES, catalogue, spec};
+use crate::diagnosis::cases::{Case, CaseSpec, Kind, OUTSIDE, catalogue, sizes, spec};
 use crate::diagnosis::intervals::interval;
 use crate::diagnosis::outcome::{Instrumentation, Named, Outcome, diagnose};
 use crate::diagnosis::rates::{Rate, Row, library_id};
@@ -17,13 +17,13 @@ fn force(run: &Run) -> &[f64] {
 
 #[test]
 fn the_catalogue_has_every_effect_of_the_library_at_three_physical_sizes() {
-    let put_in: HashSet<_> = SIZES.iter().filter_map(|(id, _)| library_id(id)).collect();
+    let put_in: HashSet<_> = sizes().iter().filter_map(|(id, _)| library_id(id)).collect();
     assert_eq!(put_in, Effect::ALL.into_iter().map(Effect::id).collect());
     assert!(OUTSIDE.iter().all(|(id, _)| library_id(id).is_none()));
     let specs = catalogue();
     let names: HashSet<String> = specs.iter().map(CaseSpec::name).collect();
     assert_eq!(names.len(), specs.len());
-    for (id, full) in SIZES {
+    for (id, full) in sizes() {
         for share in [0.5, 1.0, 2.0] {
             let size = full * share;
             assert_eq!(spec(&format!("single {id} x{share}")).truth, [(id, size)]);
@@ -68,7 +68,7 @@ fn runs_of_a_case_differ_and_the_reference_differs_from_the_test_run_by_effect_a
 #[test]
 fn every_effect_changes_the_force_and_a_larger_one_changes_it_more() -> Result<(), Error> {
     assert_eq!(spec("null").change(0)?, 0.0);
-    for (id, _) in SIZES {
+    for (id, _) in sizes() {
         let half = spec(&format!("single {id} x0.5")).change(0)?;
         let double = spec(&format!("single {id} x2")).change(0)?;
         // Noise is 0.7 % of the force.

@@ -15,28 +15,8 @@ use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::ops::ControlFlow;
 
 /// Every effect at a size that clearly changes the force.
-const PRESENT: [(Effect, &[f64]); 17] = [
-    (Effect::CoilLag, &[0.012]),
-    (Effect::CoilLagRiseFall, &[0.006, 0.019]),
-    (Effect::Remanence, &[0.15]),
-    (Effect::ThermalFade, &[-0.003]),
-    (Effect::GasSpring, &[6e3]),
-    (Effect::Inertia, &[1.5]),
-    (Effect::Friction, &[60.0]),
-    (Effect::Asymmetry, &[-0.12]),
-    (Effect::ForceLag, &[0.007]),
-    (Effect::SeriesSpring, &[3e-7]),
-    (Effect::SensorDelay, &[0.005]),
-    (Effect::Deadzone, &[8e-4]),
-    (Effect::EndStop, &[2e5, 0.008]),
-    (Effect::LoadCellDrift, &[0.2]),
-    (Effect::PositionDependence, &[4.0]),
-    (Effect::VelocitySaturation, &[900.0]),
-    (Effect::AntiAliasMismatch, &[0.009]),
-];
-
 fn all() -> Vec<EffectModel> {
-    PRESENT.iter().map(|(effect, p)| EffectModel::new(*effect, p).expect("within range")).collect()
+    Effect::ALL.map(Effect::example).to_vec()
 }
 
 fn of(effects: &[EffectModel]) -> Effects {
@@ -116,11 +96,19 @@ fn walked(model: &Model, run: &Run) -> Vec<(Stamp, u64)> {
 fn the_pipeline_is_bit_identical_to_a_walk_over_the_rows() {
     let run = recorded();
     let effects = all();
+    let [lag, filter, spring, fade, delay] = [
+        Effect::CoilLag,
+        Effect::AntiAliasMismatch,
+        Effect::SeriesSpring,
+        Effect::ThermalFade,
+        Effect::SensorDelay,
+    ]
+    .map(Effect::example);
     let mut lists: Vec<Vec<EffectModel>> = effects.iter().map(|effect| vec![*effect]).collect();
     lists.push(vec![]);
     // A spring around a lag and a filter, a delay around a spring, and every effect in lists of three.
-    lists.push(vec![effects[0], effects[16], effects[9]]);
-    lists.push(vec![effects[9], effects[3], effects[10]]);
+    lists.push(vec![lag, filter, spring]);
+    lists.push(vec![spring, fade, delay]);
     lists.extend(effects.chunks(3).map(<[EffectModel]>::to_vec));
     for list in lists {
         for (apply_to, velocity) in [
@@ -213,7 +201,7 @@ fn thermal_fade_without_a_temperature_is_reported() {
 #[test]
 fn a_model_with_effects_is_not_seeded() {
     let arx = preset::load(preset::BEST_ARX).expect("a preset");
-    let with = Model { effects: of(&all()[4..5]), ..arx };
+    let with = Model { effects: of(&[Effect::GasSpring.example()]), ..arx };
     assert!(Models::alone(arx).seeded.is_some() && Models::alone(with).seeded.is_none());
     let refused = Models::alone(fuzzy(&[])).with_seeded(with).expect_err("it has effects");
     assert!(refused.to_string().contains("arx_model has effects"), "{refused}");
@@ -228,7 +216,7 @@ fn a_model_with_effects_is_not_seeded() {
 fn an_effect_on_the_drive_of_a_passive_model_is_rejected() {
     let law =
         LawModel::new(ForceLaw::Sp, Dependence::None, &[0.0, 900.0, 1.0, 0.0, 1.0], 0.0).expect("a law");
-    let model = Model { force: ForceModel::Law(law), ..fuzzy(&all()[..1]) };
+    let model = Model { force: ForceModel::Law(law), ..fuzzy(&[Effect::CoilLag.example()]) };
     let refused = Pipeline::new(Models::alone(model), never()).expect_err("no drive to lag");
     assert!(refused.to_string().contains("effect coil_lag acts on the drive"), "{refused}");
 }

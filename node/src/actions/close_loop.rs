@@ -15,7 +15,7 @@ use mr_damper_model::sample::Run;
 use mr_damper_msgs::action::{CloseLoop, CloseLoopFeedback, CloseLoopGoal, CloseLoopResult};
 use mr_damper_reports::augmented_file::{TrainingOrigin, drive, model_file, rows, training_runs};
 use mr_damper_reports::diagnosis as report;
-use mr_damper_reports::diagnosis::json::{self, SCHEMA};
+use mr_damper_reports::diagnosis::json;
 use mr_damper_reports::diagnosis::words::stage_in_words;
 use serde::Serialize;
 use std::path::{Path, PathBuf};

@@ -40,7 +40,6 @@ pub struct Args {
     pub rate: Option<f64>,
 }
 
-
 /// Converts the files. Nothing is written if one of them cannot be converted.
 ///
 /// # Errors
@@ -80,9 +79,15 @@ fn model_text(path: &Path, args: &Args) -> Result<String, NodeError> {
     let (scaling, conditioning, rate_hz) = match (&args.like, args.rate) {
         (Some(name), _) => {
             let (model, rules) = rule_model(name)?;
-            (scaling_like(&fis, name, &rules).map_err(|error| in_file(error.to_string()))?, model.conditioning, model.rate_hz)
+            (
+                scaling_like(&fis, name, &rules).map_err(|error| in_file(error.to_string()))?,
+                model.conditioning,
+                model.rate_hz,
+            )
         }
-        (None, Some(rate_hz)) => (si_scaling(&fis).map_err(|error| in_file(error.to_string()))?, Conditioning::default(), rate_hz),
+        (None, Some(rate_hz)) => {
+            (si_scaling(&fis).map_err(|error| in_file(error.to_string()))?, Conditioning::default(), rate_hz)
+        }
         (None, None) => {
             return Err(NodeError::Usage(format!(
                 "{}: a FIS file has no sample rate; give --rate HZ, or --like MODEL",

@@ -66,7 +66,7 @@ pub enum RequestError {
     /// A text is too long to be valid.
     #[error("{what} has {bytes} bytes; texts have at most {most}")]
     TooLong {
-        /// What the text is.
+        /// Name of the text.
         what: String,
         /// Its length, bytes.
         bytes: usize,

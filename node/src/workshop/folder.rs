@@ -299,7 +299,7 @@ fn numbered(name: &str, number: u32) -> String {
 
 /// Reasons why a name is not the name of a file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum NameError {
+pub(super) enum NameError {
     /// The name is empty.
     #[error("a run needs a name: POST /runs?name=run.csv")]
     Empty,

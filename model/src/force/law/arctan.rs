@@ -18,30 +18,35 @@
 //!
 //! Source: `[cesmeci2010]` in the bibliography (node/docs/guide/bibliography.md), equation 2.6 of the thesis.
 
-use super::{Inputs, Scalar};
+use super::{Inputs, MemorylessLaw, Parameter, Scalar};
 use std::f64::consts::FRAC_2_PI;
 
-pub(super) use super::sp::PARAMETERS;
+pub(super) struct Arctan;
 
-#[inline]
-pub(super) fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
-    let u = p[3] / p[4] * inputs.displacement_m + inputs.velocity_m_s;
-    p[0] * FRAC_2_PI * (p[2] * u).atan() + p[1] * u
-}
+impl MemorylessLaw for Arctan {
+    const NAME: &'static str = "arctan";
+    const PARAMETERS: &'static [Parameter] = super::sp::Sp::PARAMETERS;
 
-#[inline]
-pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
-    let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-    let kappa = p[3] / p[4];
-    let u = v + kappa * x;
-    let z = p[2] * u;
-    let t = FRAC_2_PI * z.atan();
-    let step = p[0] * FRAC_2_PI / (1.0 + z * z);
-    let by_u = step * p[2] + p[1];
-    gradient[0] = t;
-    gradient[1] = u;
-    gradient[2] = step * u;
-    gradient[3] = by_u * x / p[4];
-    gradient[4] = -by_u * x * kappa / p[4];
-    p[0] * t + p[1] * u
+    #[inline]
+    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+        let u = p[3] / p[4] * inputs.displacement_m + inputs.velocity_m_s;
+        p[0] * FRAC_2_PI * (p[2] * u).atan() + p[1] * u
+    }
+
+    #[inline]
+    fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+        let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
+        let kappa = p[3] / p[4];
+        let u = v + kappa * x;
+        let z = p[2] * u;
+        let t = FRAC_2_PI * z.atan();
+        let step = p[0] * FRAC_2_PI / (1.0 + z * z);
+        let by_u = step * p[2] + p[1];
+        gradient[0] = t;
+        gradient[1] = u;
+        gradient[2] = step * u;
+        gradient[3] = by_u * x / p[4];
+        gradient[4] = -by_u * x * kappa / p[4];
+        p[0] * t + p[1] * u
+    }
 }

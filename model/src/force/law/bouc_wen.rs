@@ -38,7 +38,9 @@
 //! Source: `[spencer1996]` in the bibliography (node/docs/guide/bibliography.md), equation 2.2 of the thesis; integration `[verwer1999]`.
 
 use super::jet::Real;
-use super::{Inputs, MAX_HIDDEN, Parameter, Scale};
+use super::{Hidden, Inputs, Law, MAX_HIDDEN, Parameter, Scale, Sensitivity, by_jets, first_gradient};
+#[cfg(test)]
+use num_dual::Dual64;
 
 /// Longest step, s, unless a sample would need more than [`STEPS`] of them.
 const LONGEST_S: f64 = 0.5e-3;
@@ -47,34 +49,63 @@ const STEPS: u32 = 8;
 /// Diagonal of ROS2, 1 - 1/sqrt(2).
 const DIAGONAL: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
 
-pub(super) const PARAMETERS: [Parameter; 9] = [
-    Parameter::nonlinear("high_velocity_damping_n_s_m", Scale::new(1, 0, -1, 0), [0.05, 1.0])
-        .within(0.0, 1e2),
-    Parameter::nonlinear("low_velocity_damping_n_s_m", Scale::new(1, 0, -1, 0), [1.0, 50.0])
-        .within(1e-2, 1e4),
-    Parameter::nonlinear("high_velocity_stiffness_n_m", Scale::new(1, -1, 0, 0), [0.01, 1.0])
-        .within(0.0, 1e2)
-        .at_any_drive(),
-    Parameter::linear("accumulator_stiffness_n_m", Scale::new(1, -1, 0, 0), [-0.2, 0.2]).at_any_drive(),
-    Parameter::nonlinear("hysteresis_force_n", Scale::new(1, 0, 0, 0), [0.1, 1.0]).within(0.0, 10.0),
-    // Start values of gamma and beta near half of the slope keep z near one, and the hysteretic force near
-    // `hysteresis_force_n`.
-    Parameter::nonlinear("hysteresis_gamma_per_m", Scale::new(0, -1, 0, 0), [20.0, 200.0])
-        .within(1e-2, 1e4)
-        .at_any_drive(),
-    Parameter::nonlinear("hysteresis_exponent", Scale::ONE, [1.0, 2.5]).within(1.0, 5.0).at_any_drive(),
-    Parameter::nonlinear("hysteresis_beta_per_m", Scale::new(0, -1, 0, 0), [20.0, 200.0])
-        .within(0.0, 1e4)
-        .at_any_drive(),
-    Parameter::gauge("hysteresis_slope_per_m", Scale::new(0, -1, 0, 0), [100.0, 100.0])
-        .within(1.0, 1e6)
-        .at_any_drive(),
-];
+/// Number of parameters.
+const COUNT: usize = 9;
+
+pub(super) struct BoucWen;
+
+impl Law for BoucWen {
+    const NAME: &'static str = "bouc-wen";
+    const PARAMETERS: &'static [Parameter] = &[
+        Parameter::nonlinear("high_velocity_damping_n_s_m", Scale::new(1, 0, -1, 0), [0.05, 1.0])
+            .within(0.0, 1e2),
+        Parameter::nonlinear("low_velocity_damping_n_s_m", Scale::new(1, 0, -1, 0), [1.0, 50.0])
+            .within(1e-2, 1e4),
+        Parameter::nonlinear("high_velocity_stiffness_n_m", Scale::new(1, -1, 0, 0), [0.01, 1.0])
+            .within(0.0, 1e2)
+            .at_any_drive(),
+        Parameter::linear("accumulator_stiffness_n_m", Scale::new(1, -1, 0, 0), [-0.2, 0.2]).at_any_drive(),
+        Parameter::nonlinear("hysteresis_force_n", Scale::new(1, 0, 0, 0), [0.1, 1.0]).within(0.0, 10.0),
+        // Start values of gamma and beta near half of the slope keep z near one, and the hysteretic force near
+        // `hysteresis_force_n`.
+        Parameter::nonlinear("hysteresis_gamma_per_m", Scale::new(0, -1, 0, 0), [20.0, 200.0])
+            .within(1e-2, 1e4)
+            .at_any_drive(),
+        Parameter::nonlinear("hysteresis_exponent", Scale::ONE, [1.0, 2.5]).within(1.0, 5.0).at_any_drive(),
+        Parameter::nonlinear("hysteresis_beta_per_m", Scale::new(0, -1, 0, 0), [20.0, 200.0])
+            .within(0.0, 1e4)
+            .at_any_drive(),
+        Parameter::gauge("hysteresis_slope_per_m", Scale::new(0, -1, 0, 0), [100.0, 100.0])
+            .within(1.0, 1e6)
+            .at_any_drive(),
+    ];
+    const HAS_MEMORY: bool = true;
+
+    #[inline]
+    fn force_n(p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64 {
+        step(p, inputs, hidden)
+    }
+
+    #[inline]
+    fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+        first_gradient::<Self>(p, inputs, gradient)
+    }
+
+    #[inline]
+    fn sensitivity(p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> Sensitivity {
+        by_jets::<COUNT, { COUNT + MAX_HIDDEN }>(p, hidden, |p, hidden| step(p, inputs, hidden))
+    }
+
+    #[cfg(test)]
+    fn on_duals(_: &[Dual64], _: &Inputs) -> Option<Dual64> {
+        None
+    }
+}
 
 /// Computes one sample: the force, N, and `hidden` advanced. If an input is not finite, the force is NaN and
 /// `hidden` is unchanged; the next sample continues from it.
 #[inline]
-pub(super) fn step<D: Real>(p: &[D], inputs: &Inputs, hidden: &mut [D; MAX_HIDDEN]) -> D {
+fn step<D: Real>(p: &[D], inputs: &Inputs, hidden: &mut [D; MAX_HIDDEN]) -> D {
     let (x, v) = (inputs.displacement_m, D::from(inputs.velocity_m_s));
     if !(x.is_finite() && v.re().is_finite()) {
         return D::from(f64::NAN);

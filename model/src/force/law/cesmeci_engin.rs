@@ -18,16 +18,8 @@
 //!
 //! Source: `[cesmeci2010]` in the bibliography (node/docs/guide/bibliography.md), equation 2.6 of the thesis.
 
-use super::{Branch, Inputs, Parameter, Scalar, Scale};
+use super::{Branch, Inputs, MemorylessLaw, Parameter, Scalar, Scale};
 use std::f64::consts::FRAC_2_PI;
-
-pub(super) const PARAMETERS: [Parameter; 5] = [
-    Parameter::linear("post_yield_damping_n_s_m", Scale::new(1, 0, -1, 0), [0.0, 1.0]),
-    Parameter::linear("yield_force_n", Scale::new(1, 0, 0, 0), [0.3, 1.0]).within(0.0, 5.0),
-    Parameter::nonlinear("steepness_s_m", Scale::new(0, 0, -1, 0), [1.0, 200.0]).within(0.3, 3e3),
-    Parameter::nonlinear("hysteretic_velocity_m_s", Scale::new(0, 0, 1, 0), [-0.3, 0.3]).within(-2.0, 2.0),
-    Parameter::linear("effective_mass_kg", Scale::new(1, 0, 0, -1), [-0.1, 0.1]),
-];
 
 /// sgn(a), with sgn(0) = 1; NaN if the acceleration is not known.
 #[inline]
@@ -39,24 +31,38 @@ fn direction(inputs: &Inputs) -> f64 {
     }
 }
 
-#[inline]
-pub(super) fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
-    let (v, a) = (inputs.velocity_m_s, inputs.acceleration_m_s2);
-    let shifted = -p[3] * direction(inputs) + v;
-    p[0] * v + p[1] * FRAC_2_PI * (p[2] * shifted).atan() + p[4] * a
-}
+pub(super) struct CesmeciEngin;
 
-#[inline]
-pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
-    let (v, a, s) = (inputs.velocity_m_s, inputs.acceleration_m_s2, direction(inputs));
-    let shifted = v - p[3] * s;
-    let z = p[2] * shifted;
-    let t = FRAC_2_PI * z.atan();
-    let step = p[1] * FRAC_2_PI / (1.0 + z * z);
-    gradient[0] = v;
-    gradient[1] = t;
-    gradient[2] = step * shifted;
-    gradient[3] = -step * p[2] * s;
-    gradient[4] = a;
-    p[0] * v + p[1] * t + p[4] * a
+impl MemorylessLaw for CesmeciEngin {
+    const NAME: &'static str = "cesmeci-engin";
+    const PARAMETERS: &'static [Parameter] = &[
+        Parameter::linear("post_yield_damping_n_s_m", Scale::new(1, 0, -1, 0), [0.0, 1.0]),
+        Parameter::linear("yield_force_n", Scale::new(1, 0, 0, 0), [0.3, 1.0]).within(0.0, 5.0),
+        Parameter::nonlinear("steepness_s_m", Scale::new(0, 0, -1, 0), [1.0, 200.0]).within(0.3, 3e3),
+        Parameter::nonlinear("hysteretic_velocity_m_s", Scale::new(0, 0, 1, 0), [-0.3, 0.3])
+            .within(-2.0, 2.0),
+        Parameter::linear("effective_mass_kg", Scale::new(1, 0, 0, -1), [-0.1, 0.1]),
+    ];
+
+    #[inline]
+    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+        let (v, a) = (inputs.velocity_m_s, inputs.acceleration_m_s2);
+        let shifted = -p[3] * direction(inputs) + v;
+        p[0] * v + p[1] * FRAC_2_PI * (p[2] * shifted).atan() + p[4] * a
+    }
+
+    #[inline]
+    fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+        let (v, a, s) = (inputs.velocity_m_s, inputs.acceleration_m_s2, direction(inputs));
+        let shifted = v - p[3] * s;
+        let z = p[2] * shifted;
+        let t = FRAC_2_PI * z.atan();
+        let step = p[1] * FRAC_2_PI / (1.0 + z * z);
+        gradient[0] = v;
+        gradient[1] = t;
+        gradient[2] = step * shifted;
+        gradient[3] = -step * p[2] * s;
+        gradient[4] = a;
+        p[0] * v + p[1] * t + p[4] * a
+    }
 }

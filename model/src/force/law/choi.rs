@@ -18,7 +18,7 @@
 //!
 //! Source: `[choi2001]` in the bibliography (node/docs/guide/bibliography.md), equation 2.7 of the thesis.
 
-use super::{Branch, Inputs, Parameter, Scalar, Scale};
+use super::{Branch, Inputs, MemorylessLaw, Parameter, Scalar, Scale};
 
 /// Number of coefficients of a branch.
 const TERMS: usize = 7;
@@ -28,46 +28,51 @@ const fn term(name: &'static str, power: i32) -> Parameter {
     Parameter::linear(name, Scale::new(1, 0, -power, 0), START)
 }
 
-pub(super) const PARAMETERS: [Parameter; 2 * TERMS] = [
-    term("rising_b0_n", 0),
-    term("rising_b1_n_s_m", 1),
-    term("rising_b2_n_s2_m2", 2),
-    term("rising_b3_n_s3_m3", 3),
-    term("rising_b4_n_s4_m4", 4),
-    term("rising_b5_n_s5_m5", 5),
-    term("rising_b6_n_s6_m6", 6),
-    term("falling_b0_n", 0),
-    term("falling_b1_n_s_m", 1),
-    term("falling_b2_n_s2_m2", 2),
-    term("falling_b3_n_s3_m3", 3),
-    term("falling_b4_n_s4_m4", 4),
-    term("falling_b5_n_s5_m5", 5),
-    term("falling_b6_n_s6_m6", 6),
-];
+pub(super) struct Choi;
 
-#[inline]
-pub(super) fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
-    let branch = match Branch::of(inputs) {
-        Some(Branch::Rising) => &p[..TERMS],
-        Some(Branch::Falling) => &p[TERMS..],
-        None => return D::from(f64::NAN),
-    };
-    // Horner's rule, from the highest power down.
-    branch.iter().rev().fold(D::from(0.0), |sum, b| sum * inputs.velocity_m_s + *b)
-}
+impl MemorylessLaw for Choi {
+    const NAME: &'static str = "choi";
+    const PARAMETERS: &'static [Parameter] = &[
+        term("rising_b0_n", 0),
+        term("rising_b1_n_s_m", 1),
+        term("rising_b2_n_s2_m2", 2),
+        term("rising_b3_n_s3_m3", 3),
+        term("rising_b4_n_s4_m4", 4),
+        term("rising_b5_n_s5_m5", 5),
+        term("rising_b6_n_s6_m6", 6),
+        term("falling_b0_n", 0),
+        term("falling_b1_n_s_m", 1),
+        term("falling_b2_n_s2_m2", 2),
+        term("falling_b3_n_s3_m3", 3),
+        term("falling_b4_n_s4_m4", 4),
+        term("falling_b5_n_s5_m5", 5),
+        term("falling_b6_n_s6_m6", 6),
+    ];
 
-#[inline]
-pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
-    gradient[..2 * TERMS].fill(0.0);
-    let gradient = match Branch::of(inputs) {
-        Some(Branch::Rising) => &mut gradient[..TERMS],
-        Some(Branch::Falling) => &mut gradient[TERMS..],
-        None => return f64::NAN,
-    };
-    let mut power = 1.0;
-    for slot in gradient {
-        *slot = power;
-        power *= inputs.velocity_m_s;
+    #[inline]
+    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+        let branch = match Branch::of(inputs) {
+            Some(Branch::Rising) => &p[..TERMS],
+            Some(Branch::Falling) => &p[TERMS..],
+            None => return D::from(f64::NAN),
+        };
+        // Horner's rule, from the highest power down.
+        branch.iter().rev().fold(D::from(0.0), |sum, b| sum * inputs.velocity_m_s + *b)
     }
-    force_n(p, inputs)
+
+    #[inline]
+    fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+        gradient[..2 * TERMS].fill(0.0);
+        let gradient = match Branch::of(inputs) {
+            Some(Branch::Rising) => &mut gradient[..TERMS],
+            Some(Branch::Falling) => &mut gradient[TERMS..],
+            None => return f64::NAN,
+        };
+        let mut power = 1.0;
+        for slot in gradient {
+            *slot = power;
+            power *= inputs.velocity_m_s;
+        }
+        Self::force_n(p, inputs)
+    }
 }

@@ -18,31 +18,36 @@
 //!
 //! Source: `[kwok2006]` in the bibliography (node/docs/guide/bibliography.md), equation 2.4 of the thesis.
 
-use super::{Inputs, Parameter, Scalar, Scale, sign};
+use super::{Inputs, MemorylessLaw, Parameter, Scalar, Scale, sign};
 
-pub(super) const PARAMETERS: [Parameter; 5] = [
-    Parameter::linear("viscous_damping_n_s_m", Scale::new(1, 0, -1, 0), [0.0, 1.0]),
-    Parameter::linear("stiffness_n_m", Scale::new(1, -1, 0, 0), [-0.2, 0.2]),
-    Parameter::linear("hysteresis_force_n", Scale::new(1, 0, 0, 0), [0.3, 1.0]).within(0.0, 5.0),
-    Parameter::nonlinear("steepness_s_m", Scale::new(0, 0, -1, 0), [1.0, 100.0]).within(0.3, 1e3),
-    Parameter::nonlinear("loop_width", Scale::ONE, [-2.0, 2.0]).within(-20.0, 20.0),
-];
+pub(super) struct Kwok;
 
-#[inline]
-pub(super) fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
-    let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-    p[0] * v + p[1] * x + p[2] * (p[3] * v + p[4] * sign(x)).bend()
-}
+impl MemorylessLaw for Kwok {
+    const NAME: &'static str = "kwok";
+    const PARAMETERS: &'static [Parameter] = &[
+        Parameter::linear("viscous_damping_n_s_m", Scale::new(1, 0, -1, 0), [0.0, 1.0]),
+        Parameter::linear("stiffness_n_m", Scale::new(1, -1, 0, 0), [-0.2, 0.2]),
+        Parameter::linear("hysteresis_force_n", Scale::new(1, 0, 0, 0), [0.3, 1.0]).within(0.0, 5.0),
+        Parameter::nonlinear("steepness_s_m", Scale::new(0, 0, -1, 0), [1.0, 100.0]).within(0.3, 1e3),
+        Parameter::nonlinear("loop_width", Scale::ONE, [-2.0, 2.0]).within(-20.0, 20.0),
+    ];
 
-#[inline]
-pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
-    let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-    let t = super::tanh(p[3] * v + p[4] * sign(x));
-    let step = p[2] * (1.0 - t * t);
-    gradient[0] = v;
-    gradient[1] = x;
-    gradient[2] = t;
-    gradient[3] = step * v;
-    gradient[4] = step * sign(x);
-    p[0] * v + p[1] * x + p[2] * t
+    #[inline]
+    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+        let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
+        p[0] * v + p[1] * x + p[2] * (p[3] * v + p[4] * sign(x)).bend()
+    }
+
+    #[inline]
+    fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+        let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
+        let t = super::tanh(p[3] * v + p[4] * sign(x));
+        let step = p[2] * (1.0 - t * t);
+        gradient[0] = v;
+        gradient[1] = x;
+        gradient[2] = t;
+        gradient[3] = step * v;
+        gradient[4] = step * sign(x);
+        p[0] * v + p[1] * x + p[2] * t
+    }
 }

@@ -19,7 +19,7 @@
 //!
 //! Source: `[li2009]` in the bibliography (node/docs/guide/bibliography.md), equation 2.5 of the thesis.
 
-use super::{Branch, Inputs, Parameter, Scalar, Scale};
+use super::{Branch, Inputs, MemorylessLaw, Parameter, Scalar, Scale};
 use std::ops::Range;
 
 const FORCE: Scale = Scale::new(1, 0, 0, 0);
@@ -27,19 +27,6 @@ const DAMPING: Scale = Scale::new(1, 0, -1, 0);
 const SLOWNESS: Scale = Scale::new(0, 0, -1, 0);
 const VELOCITY: Scale = Scale::new(0, 0, 1, 0);
 const STIFFNESS: Scale = Scale::new(1, -1, 0, 0);
-
-pub(super) const PARAMETERS: [Parameter; 10] = [
-    Parameter::linear("rising_yield_force_n", FORCE, [0.3, 1.0]).within(0.0, 5.0),
-    Parameter::nonlinear("rising_steepness_s_m", SLOWNESS, [2.0, 200.0]).within(0.6, 2e3),
-    Parameter::nonlinear("rising_hysteretic_velocity_m_s", VELOCITY, [-0.3, 0.3]).within(-2.0, 2.0),
-    Parameter::linear("rising_post_yield_damping_n_s_m", DAMPING, [0.0, 1.0]),
-    Parameter::linear("rising_stiffness_n_m", STIFFNESS, [-0.2, 0.2]),
-    Parameter::linear("falling_yield_force_n", FORCE, [0.3, 1.0]).within(0.0, 5.0),
-    Parameter::nonlinear("falling_steepness_s_m", SLOWNESS, [2.0, 200.0]).within(0.6, 2e3),
-    Parameter::nonlinear("falling_hysteretic_velocity_m_s", VELOCITY, [-0.3, 0.3]).within(-2.0, 2.0),
-    Parameter::linear("falling_post_yield_damping_n_s_m", DAMPING, [0.0, 1.0]),
-    Parameter::linear("falling_stiffness_n_m", STIFFNESS, [-0.2, 0.2]),
-];
 
 /// Index range of the branch's parameters; `None` if the acceleration is not known.
 #[inline]
@@ -50,26 +37,44 @@ fn branch(inputs: &Inputs) -> Option<Range<usize>> {
     })
 }
 
-#[inline]
-pub(super) fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
-    let Some(branch) = branch(inputs) else { return D::from(f64::NAN) };
-    let p = &p[branch];
-    let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-    p[0] * (p[1] * 0.5 * (-p[2] + v)).bend() + p[3] * v + p[4] * x
-}
+pub(super) struct Li;
 
-#[inline]
-pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
-    gradient[..10].fill(0.0);
-    let Some(branch) = branch(inputs) else { return f64::NAN };
-    let (p, gradient) = (&p[branch.clone()], &mut gradient[branch]);
-    let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-    let t = super::tanh(0.5 * p[1] * (v - p[2]));
-    let step = 0.5 * p[0] * (1.0 - t * t);
-    gradient[0] = t;
-    gradient[1] = step * (v - p[2]);
-    gradient[2] = -step * p[1];
-    gradient[3] = v;
-    gradient[4] = x;
-    p[0] * t + p[3] * v + p[4] * x
+impl MemorylessLaw for Li {
+    const NAME: &'static str = "li";
+    const PARAMETERS: &'static [Parameter] = &[
+        Parameter::linear("rising_yield_force_n", FORCE, [0.3, 1.0]).within(0.0, 5.0),
+        Parameter::nonlinear("rising_steepness_s_m", SLOWNESS, [2.0, 200.0]).within(0.6, 2e3),
+        Parameter::nonlinear("rising_hysteretic_velocity_m_s", VELOCITY, [-0.3, 0.3]).within(-2.0, 2.0),
+        Parameter::linear("rising_post_yield_damping_n_s_m", DAMPING, [0.0, 1.0]),
+        Parameter::linear("rising_stiffness_n_m", STIFFNESS, [-0.2, 0.2]),
+        Parameter::linear("falling_yield_force_n", FORCE, [0.3, 1.0]).within(0.0, 5.0),
+        Parameter::nonlinear("falling_steepness_s_m", SLOWNESS, [2.0, 200.0]).within(0.6, 2e3),
+        Parameter::nonlinear("falling_hysteretic_velocity_m_s", VELOCITY, [-0.3, 0.3]).within(-2.0, 2.0),
+        Parameter::linear("falling_post_yield_damping_n_s_m", DAMPING, [0.0, 1.0]),
+        Parameter::linear("falling_stiffness_n_m", STIFFNESS, [-0.2, 0.2]),
+    ];
+
+    #[inline]
+    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+        let Some(branch) = branch(inputs) else { return D::from(f64::NAN) };
+        let p = &p[branch];
+        let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
+        p[0] * (p[1] * 0.5 * (-p[2] + v)).bend() + p[3] * v + p[4] * x
+    }
+
+    #[inline]
+    fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+        gradient[..10].fill(0.0);
+        let Some(branch) = branch(inputs) else { return f64::NAN };
+        let (p, gradient) = (&p[branch.clone()], &mut gradient[branch]);
+        let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
+        let t = super::tanh(0.5 * p[1] * (v - p[2]));
+        let step = 0.5 * p[0] * (1.0 - t * t);
+        gradient[0] = t;
+        gradient[1] = step * (v - p[2]);
+        gradient[2] = -step * p[1];
+        gradient[3] = v;
+        gradient[4] = x;
+        p[0] * t + p[3] * v + p[4] * x
+    }
 }

@@ -14,16 +14,15 @@
 //! Every law has explicit derivatives with respect to its parameters. Tests compare them with automatic
 //! differentiation of the same equation.
 //!
+//! # One entry for each law
+//! The list in `laws!` below is the only place that names all laws. A line there is a file of this directory with its type. The type
+//! has the trait `MemorylessLaw`, or `Law` for a law whose force depends on earlier samples. Neither has defaults, so a law without one of
+//! its properties does not compile. To add a law, add its file and its line; model files, identification, comparison and the tests of every
+//! law then include it.
+//!
 //! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equations 4.5 (polynomials) and 4.8 (sets) of the thesis.
 
-mod arctan;
-mod bouc_wen;
-mod cesmeci_engin;
-mod choi;
 mod jet;
-mod kwok;
-mod li;
-mod sp;
 
 use super::Inputs;
 use super::dependence::Dependence;
@@ -55,27 +54,203 @@ pub const MAX_PARAMETERS: usize = 14;
 pub const MAX_COEFFICIENTS: usize = 160;
 /// Largest number of hidden variables of a law.
 pub const MAX_HIDDEN: usize = 3;
-/// Number of directions in which a law with memory is differentiated: its parameters, then its hidden
-/// variables.
-const DIRECTIONS: usize = bouc_wen::PARAMETERS.len() + MAX_HIDDEN;
+/// A force law at one current. Tests that run every law on dual numbers use `on_duals`.
+trait Law {
+    /// The name, as in the contract.
+    const NAME: &'static str;
+    /// The parameters, in the order that every list of them uses.
+    const PARAMETERS: &'static [Parameter];
+    /// True if the force depends on earlier samples.
+    const HAS_MEMORY: bool;
 
-/// A force law at one current.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum ForceLaw {
-    /// Semi-phenomenological hyperbolic tangent (Guo et al.).
-    Sp,
-    /// Modified Bouc-Wen (Spencer et al.): the only law with memory.
-    BoucWen,
-    /// Hyperbolic tangent with hysteresis from the sign of displacement (Kwok et al.).
-    Kwok,
-    /// Sigmoid, one branch for rising and one for falling velocity (Li et al.).
-    Li,
-    /// Arctangent shifted by the sign of acceleration, with inertia (Cesmeci and Engin).
-    CesmeciEngin,
-    /// Polynomial of the velocity, one branch for rising and one for falling velocity (Choi et al.).
-    Choi,
-    /// Semi-phenomenological law with an arctangent.
-    Arctan,
+    /// See [`ForceLaw::force_n`].
+    fn force_n(p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64;
+
+    /// See [`ForceLaw::gradient`].
+    fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64;
+
+    /// See [`ForceLaw::sensitivity`].
+    fn sensitivity(p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> Sensitivity;
+
+    /// The force on dual numbers; `None` for a law with memory, whose sensitivities are compared with differences.
+    #[cfg(test)]
+    fn on_duals(p: &[num_dual::Dual64], inputs: &Inputs) -> Option<num_dual::Dual64>;
+}
+
+/// A force law whose force depends on the present sample only.
+trait MemorylessLaw {
+    /// The name, as in the contract.
+    const NAME: &'static str;
+    /// The parameters, in the order that every list of them uses.
+    const PARAMETERS: &'static [Parameter];
+
+    /// Force, N. Not finite if a needed input is not finite.
+    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D;
+
+    /// See [`ForceLaw::gradient`].
+    fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64;
+}
+
+impl<L: MemorylessLaw> Law for L {
+    const NAME: &'static str = L::NAME;
+    const PARAMETERS: &'static [Parameter] = L::PARAMETERS;
+    const HAS_MEMORY: bool = false;
+
+    #[inline]
+    fn force_n(p: &[f64], inputs: &Inputs, _: &mut Hidden) -> f64 {
+        L::force_n(p, inputs)
+    }
+
+    #[inline]
+    fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+        L::gradient(p, inputs, gradient)
+    }
+
+    #[inline]
+    fn sensitivity(p: &[f64], inputs: &Inputs, _: &mut Hidden) -> Sensitivity {
+        let mut found = Sensitivity::default();
+        found.force_n = L::gradient(p, inputs, &mut found.force_by_parameter);
+        found
+    }
+
+    #[cfg(test)]
+    fn on_duals(p: &[num_dual::Dual64], inputs: &Inputs) -> Option<num_dual::Dual64> {
+        Some(L::force_n(p, inputs))
+    }
+}
+
+/// The gradient of a law with memory at the first sample after a start.
+#[inline]
+fn first_gradient<L: Law>(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+    let first = Inputs { dt_s: None, ..*inputs };
+    let found = L::sensitivity(p, &first, &mut Hidden::default());
+    gradient[..p.len()].copy_from_slice(&found.force_by_parameter[..p.len()]);
+    found.force_n
+}
+
+/// The sensitivities of a law with memory, from its `step` on `N` parameters. `DIRECTIONS` is `N` + [`MAX_HIDDEN`]: the parameters, then
+/// the hidden variables.
+#[inline]
+fn by_jets<const N: usize, const DIRECTIONS: usize>(
+    p: &[f64],
+    hidden: &mut Hidden,
+    step: impl FnOnce(&[Jet<DIRECTIONS>], &mut [Jet<DIRECTIONS>; MAX_HIDDEN]) -> Jet<DIRECTIONS>,
+) -> Sensitivity {
+    let mut found = Sensitivity::default();
+    let n = p.len();
+    let mut q = [Jet::<DIRECTIONS>::from(0.0); N];
+    for (j, (jet, value)) in q.iter_mut().zip(p).enumerate() {
+        *jet = Jet::variable(*value, j);
+    }
+    let mut next: [Jet<DIRECTIONS>; MAX_HIDDEN] = std::array::from_fn(|h| Jet::variable(hidden[h], n + h));
+    let force = step(&q, &mut next);
+    found.force_n = force.re;
+    found.force_by_parameter[..n].copy_from_slice(&force.by[..n]);
+    found.force_by_hidden.copy_from_slice(&force.by[n..]);
+    for (h, jet) in next.iter().enumerate() {
+        hidden[h] = jet.re;
+        found.hidden_by_parameter[h][..n].copy_from_slice(&jet.by[..n]);
+        found.hidden_by_hidden[h].copy_from_slice(&jet.by[n..]);
+    }
+    found
+}
+
+/// Declares the files of force laws and [`ForceLaw`] with all of them. A line is `file: Law;`.
+///
+/// Each function is a `match`, so that it is dispatched statically and can be inlined.
+macro_rules! laws {
+    ($($file:ident: $law:ident;)+) => {
+        $(mod $file;)+
+
+        /// A force law at one current.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        pub enum ForceLaw {
+            $(
+                #[doc = concat!("See `model/src/force/law/", stringify!($file), ".rs`.")]
+                $law,
+            )+
+        }
+
+        impl ForceLaw {
+            /// All laws.
+            pub const ALL: [Self; [$(stringify!($law)),+].len()] = [$(Self::$law),+];
+
+            /// The name, as in the contract.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$law => <$file::$law as Law>::NAME,)+
+                }
+            }
+
+            /// The parameters, in the order that every list of them uses.
+            #[must_use]
+            pub const fn parameters(self) -> &'static [Parameter] {
+                match self {
+                    $(Self::$law => <$file::$law as Law>::PARAMETERS,)+
+                }
+            }
+
+            /// True if the force depends on earlier samples.
+            #[must_use]
+            pub const fn has_memory(self) -> bool {
+                match self {
+                    $(Self::$law => <$file::$law as Law>::HAS_MEMORY,)+
+                }
+            }
+
+            /// Force, N, with parameters `p` (as many as [`ForceLaw::parameters`]), advancing `hidden` by one sample. Not
+            /// finite if a needed input is not finite; `hidden` is then unchanged.
+            #[inline]
+            #[must_use]
+            pub fn force_n(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64 {
+                match self {
+                    $(Self::$law => <$file::$law as Law>::force_n(p, inputs, hidden),)+
+                }
+            }
+
+            /// Force, N; its derivatives with respect to the parameters are written to `gradient` (at least as long
+            /// as [`ForceLaw::parameters`]). A law with memory is evaluated at the first sample after a start; for later
+            /// samples use [`ForceLaw::sensitivity`].
+            #[inline]
+            pub fn gradient(self, p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+                match self {
+                    $(Self::$law => <$file::$law as Law>::gradient(p, inputs, gradient),)+
+                }
+            }
+
+            /// Force, N, advancing `hidden` by one sample as [`ForceLaw::force_n`] does, with the derivatives of both.
+            ///
+            /// Along a run, let S be the derivatives of the hidden variables with respect to the parameters (zero
+            /// before the first sample). Then `dF = force_by_parameter + force_by_hidden S`, and afterwards
+            /// `S = hidden_by_parameter + hidden_by_hidden S`.
+            #[inline]
+            #[must_use]
+            pub fn sensitivity(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> Sensitivity {
+                match self {
+                    $(Self::$law => <$file::$law as Law>::sensitivity(p, inputs, hidden),)+
+                }
+            }
+
+            /// The law's own equation on dual numbers.
+            #[cfg(test)]
+            fn on_duals(self, p: &[num_dual::Dual64], inputs: &Inputs) -> Option<num_dual::Dual64> {
+                match self {
+                    $(Self::$law => <$file::$law as Law>::on_duals(p, inputs),)+
+                }
+            }
+        }
+    };
+}
+
+laws! {
+    sp: Sp;
+    bouc_wen: BoucWen;
+    kwok: Kwok;
+    li: Li;
+    cesmeci_engin: CesmeciEngin;
+    choi: Choi;
+    arctan: Arctan;
 }
 
 /// One parameter of a law: its name with the unit, and its bounds and start values for the identification.
@@ -173,117 +348,10 @@ impl Scale {
 pub type Hidden = [f64; MAX_HIDDEN];
 
 impl ForceLaw {
-    /// All laws.
-    pub const ALL: [Self; 7] =
-        [Self::Sp, Self::BoucWen, Self::Kwok, Self::Li, Self::CesmeciEngin, Self::Choi, Self::Arctan];
-
-    /// The name, as in the contract.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Sp => "sp",
-            Self::BoucWen => "bouc-wen",
-            Self::Kwok => "kwok",
-            Self::Li => "li",
-            Self::CesmeciEngin => "cesmeci-engin",
-            Self::Choi => "choi",
-            Self::Arctan => "arctan",
-        }
-    }
-
     /// The law called `name`.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|law| law.name() == name)
-    }
-
-    /// The parameters, in the order that every list of them uses.
-    #[must_use]
-    pub const fn parameters(self) -> &'static [Parameter] {
-        match self {
-            Self::Sp => &sp::PARAMETERS,
-            Self::BoucWen => &bouc_wen::PARAMETERS,
-            Self::Kwok => &kwok::PARAMETERS,
-            Self::Li => &li::PARAMETERS,
-            Self::CesmeciEngin => &cesmeci_engin::PARAMETERS,
-            Self::Choi => &choi::PARAMETERS,
-            Self::Arctan => &arctan::PARAMETERS,
-        }
-    }
-
-    /// True if the force depends on earlier samples.
-    #[must_use]
-    pub const fn has_memory(self) -> bool {
-        matches!(self, Self::BoucWen)
-    }
-
-    /// Force, N, with parameters `p` (as many as [`ForceLaw::parameters`]), advancing `hidden` by one sample. Not
-    /// finite if a needed input is not finite; `hidden` is then unchanged.
-    #[inline]
-    #[must_use]
-    pub fn force_n(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64 {
-        match self {
-            Self::Sp => sp::force_n(p, inputs),
-            Self::BoucWen => bouc_wen::step(p, inputs, hidden),
-            Self::Kwok => kwok::force_n(p, inputs),
-            Self::Li => li::force_n(p, inputs),
-            Self::CesmeciEngin => cesmeci_engin::force_n(p, inputs),
-            Self::Choi => choi::force_n(p, inputs),
-            Self::Arctan => arctan::force_n(p, inputs),
-        }
-    }
-
-    /// Force, N; its derivatives with respect to the parameters are written to `gradient` (at least as long
-    /// as [`ForceLaw::parameters`]). A law with memory is evaluated at the first sample after a start; for later
-    /// samples use [`ForceLaw::sensitivity`].
-    #[inline]
-    pub fn gradient(self, p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
-        match self {
-            Self::Sp => sp::gradient(p, inputs, gradient),
-            Self::Kwok => kwok::gradient(p, inputs, gradient),
-            Self::Li => li::gradient(p, inputs, gradient),
-            Self::CesmeciEngin => cesmeci_engin::gradient(p, inputs, gradient),
-            Self::Choi => choi::gradient(p, inputs, gradient),
-            Self::Arctan => arctan::gradient(p, inputs, gradient),
-            Self::BoucWen => {
-                let first = Inputs { dt_s: None, ..*inputs };
-                let found = self.sensitivity(p, &first, &mut Hidden::default());
-                gradient[..p.len()].copy_from_slice(&found.force_by_parameter[..p.len()]);
-                found.force_n
-            }
-        }
-    }
-
-    /// Force, N, advancing `hidden` by one sample as [`ForceLaw::force_n`] does, with the derivatives of both.
-    ///
-    /// Along a run, let S be the derivatives of the hidden variables with respect to the parameters (zero
-    /// before the first sample). Then `dF = force_by_parameter + force_by_hidden S`, and afterwards
-    /// `S = hidden_by_parameter + hidden_by_hidden S`.
-    #[inline]
-    #[must_use]
-    pub fn sensitivity(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> Sensitivity {
-        let mut found = Sensitivity::default();
-        if !self.has_memory() {
-            found.force_n = self.gradient(p, inputs, &mut found.force_by_parameter);
-            return found;
-        }
-        let n = p.len();
-        let mut q = [Jet::<DIRECTIONS>::from(0.0); bouc_wen::PARAMETERS.len()];
-        for (j, (jet, value)) in q.iter_mut().zip(p).enumerate() {
-            *jet = Jet::variable(*value, j);
-        }
-        let mut next: [Jet<DIRECTIONS>; MAX_HIDDEN] =
-            std::array::from_fn(|h| Jet::variable(hidden[h], n + h));
-        let force = bouc_wen::step(&q, inputs, &mut next);
-        found.force_n = force.re;
-        found.force_by_parameter[..n].copy_from_slice(&force.by[..n]);
-        found.force_by_hidden.copy_from_slice(&force.by[n..]);
-        for (h, jet) in next.iter().enumerate() {
-            hidden[h] = jet.re;
-            found.hidden_by_parameter[h][..n].copy_from_slice(&jet.by[..n]);
-            found.hidden_by_hidden[h].copy_from_slice(&jet.by[n..]);
-        }
-        found
     }
 }
 

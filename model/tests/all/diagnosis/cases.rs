@@ -12,8 +12,9 @@
 //! | wrong base | Bouc-Wen valve, with no or one effect | no |
 //! | paired | Bouc-Wen valve, with no or one effect, and a healthy run with the same excitation | no |
 
+use super::rates::library_id;
 use mr_damper_model::Error;
-use mr_damper_model::rig::inject::inject;
+use mr_damper_model::rig::inject::{EFFECTS, Effect, inject};
 use mr_damper_model::rig::{Channels, Current, Displacement, Experiment, Pattern, Plant, Road, record};
 use mr_damper_model::sample::Run;
 
@@ -23,10 +24,10 @@ const VELOCITY_NOISE_M_S: f64 = 2e-4;
 const START_C: [f64; 3] = [22.0, 34.0, 46.0];
 /// Heat capacity of the damper, J/K: a fraction of a real damper's, so that it warms up within a run.
 const HEAT_CAPACITY_J_K: f64 = 80.0;
-/// Displacement at which end stops begin, m; the road exceeds it.
-const END_STOP_M: f64 = 0.014;
+/// Full stiffness of the end stops, N/m.
+const END_STOP_N_M: f64 = 1e5;
 
-/// Effects of the library with their full size in the rig's unit; for the end stop, its stiffness in N/m.
+/// The rig's effects that the library has, with their full size in the rig's unit; for the end stop, its stiffness in N/m.
 ///
 /// Double the size is still physically plausible, even if the effect is then small (inertia, drift). The table gives the change of the
 /// force, and the NMSE (thesis: ESR) of the base alone on the test run, with measured velocity and without filter, as the median of two
@@ -50,24 +51,11 @@ const END_STOP_M: f64 = 0.014;
 /// | position_dependence | 1.5, 3.3, 6.4 | 0.37, 1.2, 4.5 |
 /// | velocity_saturation | 9.9, 21.3, 40.3 | 0.45, 2.0, 5.1 |
 /// | anti_alias_mismatch | 9.8, 18.1, 33.9 | 8.0, 24.3, 83.5 |
-pub(crate) const SIZES: [(&str, f64); 16] = [
-    ("coil_lag", 0.012),
-    ("remanence", 0.15),
-    ("thermal_fade", -0.004),
-    ("gas_spring", 6e3),
-    ("inertia", 2.5),
-    ("friction", 80.0),
-    ("asymmetry", 0.15),
-    ("force_lag", 3e-3),
-    ("series_spring", 2e-7),
-    ("sensor_delay", 3e-3),
-    ("deadzone", 3e-4),
-    ("end_stop", 1e5),
-    ("load_cell_drift", 0.2),
-    ("position_dependence", 5.0),
-    ("velocity_saturation", 3000.0),
-    ("anti_alias_mismatch", 3e-3),
-];
+pub(crate) fn sizes() -> Vec<(&'static str, f64)> {
+    let full = |effect: &Effect| if effect.id == "end_stop" { END_STOP_N_M } else { effect.typical };
+    let known = EFFECTS.iter().filter(|effect| library_id(effect.id).is_some());
+    known.map(|effect| (effect.id, full(effect))).collect()
+}
 
 /// Effects outside the library.
 pub(crate) const OUTSIDE: [(&str, f64); 4] =
@@ -152,13 +140,13 @@ pub(crate) fn catalogue() -> Vec<CaseSpec> {
     };
     let mut specs = vec![spec(Kind::Null, &[], 1.0)];
     for share in [0.5, 1.0, 2.0] {
-        specs.extend(SIZES.map(|effect| spec(Kind::Single, &[effect], share)));
+        specs.extend(sizes().into_iter().map(|effect| spec(Kind::Single, &[effect], share)));
     }
     specs.extend(PAIRS.map(|ids| spec(Kind::Pair, &ids.map(|id| (id, full_size(id))), 1.0)));
     specs.extend(OUTSIDE.map(|effect| spec(Kind::Outside, &[effect], 1.0)));
     for kind in [Kind::WrongBase, Kind::Paired] {
         specs.push(spec(kind, &[], 1.0));
-        specs.extend(SIZES.map(|effect| spec(kind, &[effect], 1.0)));
+        specs.extend(sizes().into_iter().map(|effect| spec(kind, &[effect], 1.0)));
     }
     specs
 }
@@ -170,7 +158,7 @@ pub(crate) fn spec(name: &str) -> CaseSpec {
 
 /// Full size of an effect of the library, in the rig's unit.
 pub(crate) fn full_size(id: &str) -> f64 {
-    SIZES.iter().find(|(known, _)| *known == id).map_or(f64::NAN, |(_, size)| *size)
+    sizes().into_iter().find(|(known, _)| *known == id).map_or(f64::NAN, |(_, size)| size)
 }
 
 impl CaseSpec {
@@ -251,7 +239,10 @@ impl CaseSpec {
         for &(id, size) in truth {
             match id {
                 "end_stop" => {
-                    inject(id, END_STOP_M, &mut plant, &mut channels)?;
+                    // The road goes beyond the displacement at which the typical end stops begin.
+                    let begin_m =
+                        EFFECTS.iter().find(|effect| effect.id == id).map_or(f64::NAN, |e| e.typical);
+                    inject(id, begin_m, &mut plant, &mut channels)?;
                     plant.end_stop_n_m = size;
                 }
                 // In series with the compliance that the plant already has.

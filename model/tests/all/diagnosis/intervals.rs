@@ -4,7 +4,7 @@
 //! output, three-point velocity, 25 restarts). The diagnosis may name only the effect that is there, so a count does not depend on how
 //! often it is named against others.
 
-use super::cases::{Kind, SIZES, spec};
+use super::cases::{Kind, sizes, spec};
 use super::outcome::CONDITIONING;
 use super::rates::{Rate, library_id};
 use mr_damper_model::Error;
@@ -126,8 +126,8 @@ impl Coverage {
 }
 
 /// Ids of all effects that are measured.
-pub(crate) fn ids() -> [&'static str; 16] {
-    SIZES.map(|(id, _)| id)
+pub(crate) fn ids() -> Vec<&'static str> {
+    sizes().into_iter().map(|(id, _)| id).collect()
 }
 
 /// Head of the table: how often the effect was named, truth inside the interval with Wilson's 95 % interval, mean and standard deviation

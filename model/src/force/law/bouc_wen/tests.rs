@@ -1,6 +1,6 @@
 //! Compares the scheme with a fine integration of the same equations, and its sensitivities with differences.
 
-use super::super::{ForceLaw, Hidden};
+use super::super::ForceLaw;
 use super::*;
 
 const RATE_HZ: f64 = 512.0;
@@ -113,7 +113,7 @@ fn sensitivities_along_a_run_agree_with_differences() {
                 std::array::from_fn(|j| step.hidden_by_parameter[h][j] + chain(&step.hidden_by_hidden[h], j))
             });
         }
-        for (j, parameter) in PARAMETERS.iter().enumerate() {
+        for (j, parameter) in BoucWen::PARAMETERS.iter().enumerate() {
             let d = 1e-6 * p[j].abs().max(1.0);
             let shifted = |by: f64| {
                 let mut q = *p;
