@@ -10,7 +10,7 @@
 use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::{DiagnosisError, Error};
 use crate::force::law::Kind;
-use crate::force::{Dependence, ForceModel, FuzzyTanh, LawModel, TanhFunction};
+use crate::force::{Dependence, ForceLaw, ForceModel, FuzzyTanh, LawModel, TanhFunction};
 use crate::identify::Scales;
 
 /// Step of a finite difference, relative to the coefficient of the base.
@@ -138,7 +138,10 @@ fn coefficients(base: &ForceModel, scales: &Scales) -> Result<Vec<Coefficient>, 
             Ok(fuzzy.functions().iter().flat_map(|f| of_tanh(f, scales)).collect())
         }
         ForceModel::Law(law) => Ok(of_law(law, scales)),
-        _ => Err(DiagnosisError::BaseNotPhysical { model: base.name() }.into()),
+        _ => {
+            let laws = ForceLaw::ALL.map(ForceLaw::name).to_vec();
+            Err(DiagnosisError::BaseNotPhysical { model: base.name(), laws }.into())
+        }
     }
 }
 

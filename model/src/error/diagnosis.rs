@@ -1,6 +1,5 @@
 //! Errors of a diagnosis as a whole. The reason why one effect is refused is [`crate::diagnose::Refusal`].
 
-use crate::force::ForceLaw;
 use serde::Serialize;
 use thiserror::Error;
 
@@ -78,11 +77,13 @@ pub enum DiagnosisError {
     #[error(
         "a diagnosis cannot start from the {model} model, because its coefficients have no physical meaning to separate an effect from: use \
          fuzzy-tanh or a force law ({}) as base, or give reference runs with the same excitation",
-        ForceLaw::ALL.map(ForceLaw::name).join(", ")
+        laws.join(", ")
     )]
     BaseNotPhysical {
         /// Name of the base.
         model: &'static str,
+        /// Names of the force laws.
+        laws: Vec<&'static str>,
     },
     /// The base cannot be simulated on the training runs.
     #[error(

@@ -23,6 +23,7 @@ mod force;
 mod identify;
 mod inverse;
 mod model_file;
+mod phase;
 mod pipeline;
 mod rig;
 
@@ -33,10 +34,10 @@ pub use force::ForceError;
 pub use identify::IdentifyError;
 pub use inverse::{InverseError, NoInverse};
 pub use model_file::{ModelFileError, UncertaintyProblem};
+pub use phase::{CannotRun, Root};
 pub use pipeline::PipelineError;
 pub use rig::RigError;
 
-use crate::force::CannotRun;
 use serde::Serialize;
 use thiserror::Error;
 

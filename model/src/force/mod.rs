@@ -29,7 +29,7 @@ pub use lpv::{LPV_REGRESSORS, Lpv};
 pub use network::{
     MAX_NETWORK_HIDDEN, MAX_NETWORK_INPUTS, Network, NetworkScaling, NetworkStructure, Normalisation,
 };
-pub use phase::{CannotRun, ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase, Root};
+pub use phase::{ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase};
 pub(crate) use sets::blend;
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 pub(crate) use tanh::tanh;

@@ -27,7 +27,7 @@
 //! Source: `[wang2006]` in the bibliography (node/docs/guide/bibliography.md), equations 2.1, 4.6 and 4.7 of the thesis.
 
 use super::dependence::MAX_DEGREE;
-use crate::error::Error;
+use crate::error::{CannotRun, Error, Root};
 use crate::sample::DriveKind;
 
 /// Number of parameters at one current.
@@ -54,24 +54,6 @@ pub struct ForceMotion {
     pub rate_n_s: f64,
     /// F'', N/s².
     pub curvature_n_s2: f64,
-}
-
-/// A root of the relation's characteristic equation near rest.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Root {
-    /// Real part, 1/s; positive for a growing solution.
-    pub re_per_s: f64,
-    /// Imaginary part, rad/s.
-    pub im_rad_s: f64,
-}
-
-/// Why the relation cannot be integrated forward to predict force.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct CannotRun {
-    /// Roots near rest at constant velocity; fewer than two if p3 is zero, none if p2 is zero as well.
-    pub roots: [Option<Root>; 2],
-    /// Smallest force at which the static velocity turns back, N; `None` if it rises throughout.
-    pub folds_at_n: Option<f64>,
 }
 
 impl Phase {
@@ -156,37 +138,6 @@ impl Phase {
         let [_, p2, p3, p4, p5] = self.parameters_at(drive);
         let why = CannotRun { roots: roots(p2, p3), folds_at_n: fold(p4, p5) };
         (why.is_unstable() || why.folds_at_n.is_some()).then_some(why)
-    }
-}
-
-impl CannotRun {
-    /// True if a root does not lie in the left half plane.
-    #[must_use]
-    pub fn is_unstable(&self) -> bool {
-        self.roots.iter().flatten().any(|root| root.re_per_s >= 0.0)
-    }
-}
-
-impl std::fmt::Display for CannotRun {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let growing = self.roots.iter().flatten().filter(|root| root.re_per_s >= 0.0);
-        let fastest = growing.max_by(|a, b| a.re_per_s.total_cmp(&b.re_per_s));
-        if let Some(root) = fastest {
-            write!(
-                f,
-                "integrated forward it diverges: near rest it has a root at {:.1} ± {:.1}i 1/s",
-                root.re_per_s,
-                root.im_rad_s.abs()
-            )?;
-        }
-        if let Some(force_n) = self.folds_at_n {
-            let joint = if fastest.is_some() { "; " } else { "" };
-            write!(
-                f,
-                "{joint}its static velocity folds back at {force_n:.0} N, so that one velocity has three forces"
-            )?;
-        }
-        Ok(())
     }
 }
 

@@ -54,6 +54,7 @@ pub const MAX_PARAMETERS: usize = 14;
 pub const MAX_COEFFICIENTS: usize = 160;
 /// Largest number of hidden variables of a law.
 pub const MAX_HIDDEN: usize = 3;
+
 /// A force law at one current. Tests that run every law on dual numbers use `on_duals`.
 trait Law {
     /// The name, as in the contract.
