@@ -7,6 +7,7 @@
 //! listen = ["tcp/127.0.0.1:7447"]
 //! ```
 
+use super::value::{UnsuitableParameter, UnsuitableValue};
 use super::{Assignment, Value};
 use crate::error::NodeError;
 use std::path::Path;
@@ -20,12 +21,16 @@ pub(super) fn read(path: &Path) -> Result<Vec<Assignment>, NodeError> {
     let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
     let table: toml::Table = toml::from_str(&text).map_err(|e| in_file(e.to_string()))?;
     let mut values = Vec::new();
-    flatten("", table, &mut values).map_err(in_file)?;
+    flatten("", table, &mut values).map_err(|error| in_file(error.to_string()))?;
     let origin = Some((path.to_owned(), None));
     Ok(values.into_iter().map(|(name, value)| Assignment { name, value, origin: origin.clone() }).collect())
 }
 
-fn flatten(prefix: &str, table: toml::Table, out: &mut Vec<(String, Value)>) -> Result<(), String> {
+fn flatten(
+    prefix: &str,
+    table: toml::Table,
+    out: &mut Vec<(String, Value)>,
+) -> Result<(), UnsuitableParameter> {
     for (key, value) in table {
         let name = if prefix.is_empty() { key } else { format!("{prefix}.{key}") };
         match value {
@@ -37,11 +42,14 @@ fn flatten(prefix: &str, table: toml::Table, out: &mut Vec<(String, Value)>) -> 
             toml::Value::Array(items) => {
                 let texts: Option<Vec<String>> =
                     items.iter().map(|item| item.as_str().map(str::to_owned)).collect();
-                let texts = texts.ok_or_else(|| format!("{name} must be a list of texts"))?;
-                out.push((name, Value::TextList(texts)));
+                match texts {
+                    Some(texts) => out.push((name, Value::TextList(texts))),
+                    None => return Err(UnsuitableParameter { name, why: UnsuitableValue::Item }),
+                }
             }
             toml::Value::Datetime(date) => {
-                return Err(format!("{name} is the date {date}, but parameters cannot be dates"));
+                let date = date.to_string();
+                return Err(UnsuitableParameter { name, why: UnsuitableValue::Date { date } });
             }
         }
     }

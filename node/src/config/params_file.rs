@@ -15,7 +15,7 @@
 //! error.
 
 use super::qos::Overrides;
-use super::value::UnsuitableValue;
+use super::value::UnsuitableParameter;
 use super::{Assignment, Value, is_known};
 use crate::error::NodeError;
 use std::collections::BTreeMap;
@@ -73,14 +73,6 @@ fn matches(section: &str, full_name: &str) -> bool {
 /// True for a section that can match several node names.
 pub(super) fn is_shared(section: &str) -> bool {
     section.trim_end_matches('/').rsplit('/').next().is_some_and(|node| node.contains('*'))
-}
-
-/// A parameter of this node with a value that no parameter can have.
-#[derive(Debug, thiserror::Error)]
-#[error("{name} {why}")]
-struct UnsuitableParameter {
-    name: String,
-    why: UnsuitableValue,
 }
 
 /// Flattens the parameters of a section into a list.

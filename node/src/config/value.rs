@@ -17,10 +17,12 @@ pub enum Value {
 
 impl Value {
     /// Parses the value of `-p name:=value` as YAML. A text that is not YAML or that no parameter can have, such as
-    /// `null` or a mapping, stays the text that it is.
+    /// `null` or a mapping, stays the text that it is. So do `off`, `no` and other words for truth values: `off` is a
+    /// control law.
     #[must_use]
     pub fn parse(text: &str) -> Self {
-        let yaml = serde_saphyr::from_str::<serde_json::Value>(text).ok();
+        let options = serde_saphyr::options! { strict_booleans: true };
+        let yaml = serde_saphyr::from_str_with_options::<serde_json::Value>(text, options).ok();
         let value = yaml.and_then(|yaml| Self::try_from(yaml).ok());
         value.unwrap_or_else(|| Self::Text(text.trim().to_owned()))
     }
@@ -39,7 +41,7 @@ impl Value {
 }
 
 /// A YAML value that no parameter can have.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum UnsuitableValue {
     /// Nothing, or a mapping.
     #[error("has no value")]
@@ -50,6 +52,20 @@ pub enum UnsuitableValue {
     /// A list with an item that is not a text.
     #[error("must be a list of texts")]
     Item,
+    /// A date.
+    #[error("is the date {date}, but parameters cannot be dates")]
+    Date {
+        /// The date, as written.
+        date: String,
+    },
+}
+
+/// A parameter with a value that no parameter can have.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{name} {why}")]
+pub(super) struct UnsuitableParameter {
+    pub(super) name: String,
+    pub(super) why: UnsuitableValue,
 }
 
 impl TryFrom<serde_json::Value> for Value {
@@ -111,7 +127,7 @@ mod tests {
             ("[a, b", Value::Text("[a, b".into())),
             ("~", Value::Text("~".into())),
             ("", Value::Text(String::new())),
-            ("no", Value::Text("no".into())),
+            ("off", Value::Text("off".into())),
             ("inf", Value::Text("inf".into())),
             ("99999999999999999999", Value::Double(1e20)),
         ] {
