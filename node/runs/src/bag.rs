@@ -1,6 +1,6 @@
 //! Reads runs from rosbag2 bags: topics become channels of one damper, in one pass over the files.
 
-use super::bag_sink::{Sink, TopicInfo};
+use super::bag_sink::{LogTimeFault, Sink, TopicInfo};
 use super::column::{Column, Quantity, same};
 use super::csv::settle_drive;
 use super::error::MapFault;
@@ -82,7 +82,7 @@ impl Topic {
         (!series.trace.is_empty()).then_some(&series.trace)
     }
 
-    fn message(&mut self, log_time: Result<i64, String>, data: &[u8], unpacker: &mut MessageUnpacker) {
+    fn message(&mut self, log_time: Result<i64, LogTimeFault>, data: &[u8], unpacker: &mut MessageUnpacker) {
         self.messages += 1;
         let names_joints = self.joints.is_none() && self.type_name == JointState::TYPE;
         if self.series.is_empty() && !names_joints {
@@ -95,7 +95,8 @@ impl Topic {
         match (cdr, log_time) {
             _ if self.series.is_empty() => {}
             (Ok(cdr), Ok(log_time)) => self.take(log_time, cdr),
-            (Err(fault), _) | (_, Err(fault)) => self.note_undecodable(fault),
+            (Err(fault), _) => self.note_undecodable(fault.to_string()),
+            (_, Err(fault)) => self.note_undecodable(fault.to_string()),
         }
     }
 
@@ -187,7 +188,7 @@ impl Sink for Bag<'_> {
         self.of_file.insert(id, index);
     }
 
-    fn message(&mut self, topic: i64, log_time: Result<i64, String>, data: &[u8]) {
+    fn message(&mut self, topic: i64, log_time: Result<i64, LogTimeFault>, data: &[u8]) {
         match self.of_file.get(&topic) {
             Some(&index) => self.topics[index].message(log_time, data, &mut self.unpacker),
             None => self.stray += 1,

@@ -81,8 +81,12 @@ fn write(
     loop {
         let due = channels.iter_mut().filter_map(|c| Some((*c.trace.stamps.get(c.next)?, c)));
         let Some((stamp, channel)) = due.min_by_key(|(stamp, _)| *stamp) else { break };
-        (channel.encoder.encode)(stamp, channel.trace.values[channel.next], &mut cdr).map_err(|why| {
-            RunError::Unwritable { path: dir.to_owned(), what: format!("topic {}", channel.topic), why }
+        (channel.encoder.encode)(stamp, channel.trace.values[channel.next], &mut cdr).map_err(|error| {
+            RunError::Unwritable {
+                path: dir.to_owned(),
+                what: format!("topic {}", channel.topic),
+                why: error.to_string(),
+            }
         })?;
         writer.write(channel.id, stamp.nanos(), stamp.nanos(), &cdr)?;
         channel.next += 1;

@@ -13,6 +13,17 @@ pub(super) struct TopicInfo {
     pub(super) stands_for: Option<String>,
 }
 
+/// Why the recording time of a message is not known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub(super) enum LogTimeFault {
+    /// It does not fit into 63 bits.
+    #[error("log time {nanos} ns is out of range")]
+    Range { nanos: u64 },
+    /// The row of the database has none.
+    #[error("row {row} has no time")]
+    Absent { row: i64 },
+}
+
 /// Receives topics and messages of the files of a bag, in file order.
 pub(super) trait Sink {
     /// A file begins. Topic ids are valid within one file.
@@ -20,5 +31,5 @@ pub(super) trait Sink {
     /// A topic and its id.
     fn topic(&mut self, id: i64, topic: TopicInfo);
     /// A message: the id of its topic, its recording time in nanoseconds (or why that is not known), and its bytes.
-    fn message(&mut self, topic: i64, log_time: Result<i64, String>, data: &[u8]);
+    fn message(&mut self, topic: i64, log_time: Result<i64, LogTimeFault>, data: &[u8]);
 }

@@ -177,7 +177,7 @@ impl<'a> Table<'a> {
         options: &LoadOptions,
     ) -> Result<Self, RunError> {
         let fail = |why: String| RunError::Header { path: path.to_owned(), line, why };
-        let headers = headers(header).map_err(fail)?;
+        let headers = headers(header).map_err(|fault| fail(fault.to_string()))?;
         let by_name: Vec<Use> = headers.iter().map(|header| Use::by_name(header)).collect();
         for (index, (name, what)) in headers.iter().zip(&by_name).enumerate() {
             let same = |(other, of): &(&String, &Use)| same_column(other, of, name, what);
@@ -477,17 +477,25 @@ fn same_column(a_name: &str, a: &Use, b_name: &str, b: &Use) -> bool {
     }
 }
 
-/// The names of the columns; the error says what is wrong with one of them.
-fn headers(header: &ByteRecord) -> Result<Vec<String>, String> {
+/// A column without a usable name. Columns count from 1.
+#[derive(Debug, thiserror::Error)]
+enum HeaderFault {
+    #[error("column {number} is named `{name}`, which is not UTF-8: save the file as UTF-8")]
+    NotUtf8 { number: usize, name: String },
+    #[error("column {number} has no name: name it or remove it")]
+    Unnamed { number: usize },
+}
+
+/// The names of the columns.
+fn headers(header: &ByteRecord) -> Result<Vec<String>, HeaderFault> {
     let name_of = |(index, name): (usize, &[u8])| {
         let name = if index == 0 { name.strip_prefix(b"\xef\xbb\xbf").unwrap_or(name) } else { name };
-        let text = std::str::from_utf8(name.trim_ascii()).map_err(|_| {
-            let shown = String::from_utf8_lossy(name);
-            format!("column {} is named `{shown}`, which is not UTF-8: save the file as UTF-8", index + 1)
-        })?;
+        let number = index + 1;
+        let text = std::str::from_utf8(name.trim_ascii())
+            .map_err(|_| HeaderFault::NotUtf8 { number, name: String::from_utf8_lossy(name).into_owned() })?;
         // A name of Unicode blanks is refused, because it could not be written again.
         if text.trim().is_empty() {
-            return Err(format!("column {} has no name: name it or remove it", index + 1));
+            return Err(HeaderFault::Unnamed { number });
         }
         Ok(text.to_owned())
     };

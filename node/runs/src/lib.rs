@@ -55,7 +55,7 @@ mod wire;
 pub use bag_types::{BagOptions, Storage, Sync, Topic};
 pub use bag_write::{BagSummary, BagWriter, TopicId};
 pub use error::{MapFault, Note, RunError};
-pub use map::{Map, MapError, Mapping};
+pub use map::{Map, MapError, MapFileError, Mapping};
 pub use whole::write_text;
 
 use hash::{Hash, HashingReader};

@@ -213,6 +213,39 @@ fn nearest_channel(name: &str) -> &'static str {
     nearest.map_or("", topic_of)
 }
 
+/// Why a file of mappings cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MapFileError {
+    /// It is not TOML.
+    #[error(transparent)]
+    Toml(#[from] toml::de::Error),
+    /// It has no mappings.
+    #[error("there is no table [map] in it, as in: [map] displacement = \"/fl/susp/pos,unit=mm\"")]
+    NoTable,
+    /// The value of a channel is not a text.
+    #[error(
+        "map.{channel} is {value}, but must be a text, as in {channel} = \"/fl/susp/pos,sign=-1,unit=mm\""
+    )]
+    NotText {
+        /// The channel.
+        channel: String,
+        /// The value, as TOML.
+        value: String,
+    },
+    /// The text of a channel is not a valid mapping.
+    #[error("map.{channel}: {error}")]
+    Mapping {
+        /// The channel.
+        channel: String,
+        /// The fault of the text.
+        error: MapError,
+    },
+    /// The mappings do not fit together.
+    #[error(transparent)]
+    Map(#[from] MapError),
+}
+
 impl FromStr for Mapping {
     type Err = MapError;
 
@@ -339,27 +372,21 @@ impl Map {
     /// tables are ignored.
     ///
     /// # Errors
-    /// A message when the text is not valid TOML, does not have that table, or the table holds an invalid mapping.
-    pub fn from_toml(text: &str) -> Result<Self, String> {
-        let whole: toml::Table = toml::from_str(text).map_err(|error| error.to_string())?;
-        let Some(toml::Value::Table(table)) = whole.get("map") else {
-            return Err(
-                "there is no table [map] in it, as in: [map] displacement = \"/fl/susp/pos,unit=mm\""
-                    .to_owned(),
-            );
-        };
+    /// When the text is not valid TOML, does not have that table, or the table holds an invalid mapping.
+    pub fn from_toml(text: &str) -> Result<Self, MapFileError> {
+        let whole: toml::Table = toml::from_str(text)?;
+        let Some(toml::Value::Table(table)) = whole.get("map") else { return Err(MapFileError::NoTable) };
         let mut mappings = Vec::with_capacity(table.len());
         for (channel, value) in table {
             let Some(source) = value.as_str() else {
-                return Err(format!(
-                    "map.{channel} is {value}, but must be a text, as in {channel} = \"/fl/susp/pos,sign=-1,unit=mm\""
-                ));
+                return Err(MapFileError::NotText { channel: channel.clone(), value: value.to_string() });
             };
-            let mapping: Mapping =
-                format!("{channel}={source}").parse().map_err(|error| format!("map.{channel}: {error}"))?;
+            let mapping: Mapping = format!("{channel}={source}")
+                .parse()
+                .map_err(|error| MapFileError::Mapping { channel: channel.clone(), error })?;
             mappings.push(mapping);
         }
-        Self::new(mappings).map_err(|error| error.to_string())
+        Ok(Self::new(mappings)?)
     }
 
     /// This map with all mappings of `other`, which replace mappings of the same channels.
@@ -484,7 +511,7 @@ mod tests {
             ("[map]\ndisplacement = \"/a\"\ndisplacement_m = \"/b\"", "displacement is mapped twice"),
             ("[map", "line 1"),
         ] {
-            let message = Map::from_toml(text).expect_err(text);
+            let message = Map::from_toml(text).expect_err(text).to_string();
             assert!(message.contains(why), "{text}: {message}");
         }
     }

@@ -5,7 +5,7 @@
 //! notes have exact byte offsets, a damaged chunk loses only its own messages, and length fields are checked before the
 //! crate uses them, which trusts some of them.
 
-use super::bag_sink::{Sink, TopicInfo};
+use super::bag_sink::{LogTimeFault, Sink, TopicInfo};
 use super::bag_types::{COLUMN_KEY, TOPIC_KEY};
 use super::pack::UNPACK_RATIO;
 use super::{Note, RunError};
@@ -109,8 +109,8 @@ impl<R: Read> File<'_, R> {
                     if self.body.len() as u64 != length {
                         return Err(Stop::Damaged(start, "the file ends inside a record".into()));
                     }
-                    self.messages +=
-                        emit(opcode, &self.body, sink).map_err(|why| Stop::Damaged(start, why))?;
+                    self.messages += emit(opcode, &self.body, sink)
+                        .map_err(|fault| Stop::Damaged(start, fault.to_string()))?;
                 }
                 _ => self.pass_over(start, length)?,
             }
@@ -244,7 +244,8 @@ fn read_chunk(
                     reader.notify_read(count);
                 }
                 LinearReadEvent::Record { opcode, data } => {
-                    messages += emit(opcode, data, sink).map_err(ChunkFault::Damaged)?;
+                    messages +=
+                        emit(opcode, data, sink).map_err(|fault| ChunkFault::Damaged(fault.to_string()))?;
                 }
             }
         }
@@ -306,20 +307,29 @@ fn check_chunk(body: &[u8], complete: bool) -> Result<usize, ChunkFault> {
     Ok(body.len())
 }
 
+/// A record that cannot be read.
+#[derive(Debug, thiserror::Error)]
+enum RecordFault {
+    #[error("a text is longer than its record")]
+    Text,
+    #[error(transparent)]
+    Library(#[from] McapError),
+}
+
 /// Passes one record to the sink; returns 1 for a message. Records that are not needed are not parsed.
-fn emit(opcode: u8, data: &[u8], sink: &mut Records<'_, impl Sink>) -> Result<u64, String> {
+fn emit(opcode: u8, data: &[u8], sink: &mut Records<'_, impl Sink>) -> Result<u64, RecordFault> {
     if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
         return Ok(0);
     }
-    check_texts(opcode, data).ok_or("a text is longer than its record")?;
-    match mcap::parse_record(opcode, data).map_err(|error| error.to_string())? {
+    check_texts(opcode, data).ok_or(RecordFault::Text)?;
+    match mcap::parse_record(opcode, data)? {
         Record::Schema { header, .. } => {
             sink.types.insert(header.id, header.name);
         }
         Record::Channel(channel) => sink.channel(channel),
         Record::Message { header, data } => {
-            let log_time = i64::try_from(header.log_time)
-                .map_err(|_| format!("log time {} ns is out of range", header.log_time));
+            let log_time =
+                i64::try_from(header.log_time).map_err(|_| LogTimeFault::Range { nanos: header.log_time });
             sink.sink.message(header.channel_id.into(), log_time, &data);
             return Ok(1);
         }
@@ -361,7 +371,7 @@ mod tests {
     impl Sink for Count {
         fn begin_file(&mut self) {}
         fn topic(&mut self, _: i64, _: TopicInfo) {}
-        fn message(&mut self, _: i64, _: Result<i64, String>, _: &[u8]) {
+        fn message(&mut self, _: i64, _: Result<i64, LogTimeFault>, _: &[u8]) {
             self.0 += 1;
         }
     }

@@ -73,6 +73,17 @@ impl<R: BufRead> Read for Unpacked<R> {
     }
 }
 
+/// A message that cannot be unpacked.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum UnpackError {
+    #[error("zstd: {0}")]
+    Zstd(#[from] io::Error),
+    #[error("zstd: the header of the frame is damaged")]
+    Header,
+    #[error("zstd: {packed} bytes unpack to more than {limit} bytes")]
+    TooLong { packed: usize, limit: usize },
+}
+
 /// Unpacks messages one by one into memory that is reused.
 pub(super) struct MessageUnpacker {
     bulk: Option<Decompressor<'static>>,
@@ -84,32 +95,30 @@ impl MessageUnpacker {
         Self { bulk: None, buffer: Vec::new() }
     }
 
-    /// Unpacks the message in `data`; the error says what is wrong with it.
-    pub(super) fn unpack(&mut self, data: &[u8]) -> Result<&[u8], String> {
+    /// Unpacks the message in `data`.
+    pub(super) fn unpack(&mut self, data: &[u8]) -> Result<&[u8], UnpackError> {
         self.buffer.clear();
         let ratio = usize::try_from(UNPACK_RATIO).unwrap_or(1);
         // The frame's stated size decides how much memory is allocated, so it is limited.
         let limit = ratio.saturating_mul(data.len()).clamp(MESSAGE_FREE, MESSAGE_LIMIT);
-        let fault = |error: io::Error| format!("zstd: {error}");
-        let too_long = || format!("zstd: {} bytes unpack to more than {limit} bytes", data.len());
-        let size = get_frame_content_size(data)
-            .map_err(|_| "zstd: the header of the frame is damaged".to_owned())?;
+        let too_long = || UnpackError::TooLong { packed: data.len(), limit };
+        let size = get_frame_content_size(data).map_err(|_| UnpackError::Header)?;
         let Some(size) = size else {
             // The writer did not know the size when it began the frame.
             let unpacked = Decoder::with_buffer(data).and_then(|mut decoder| {
                 decoder.window_log_max(WINDOW_LOG_MAX)?;
                 decoder.take(limit as u64 + 1).read_to_end(&mut self.buffer)
             });
-            let count = unpacked.map_err(fault)?;
+            let count = unpacked?;
             return if count > limit { Err(too_long()) } else { Ok(&self.buffer) };
         };
         let size = usize::try_from(size).ok().filter(|size| *size <= limit).ok_or_else(too_long)?;
         let bulk = match &mut self.bulk {
             Some(bulk) => bulk,
-            none => none.insert(Decompressor::new().map_err(fault)?),
+            none => none.insert(Decompressor::new()?),
         };
         self.buffer.reserve(size);
-        bulk.decompress_to_buffer(data, &mut self.buffer).map_err(fault)?;
+        bulk.decompress_to_buffer(data, &mut self.buffer)?;
         Ok(&self.buffer)
     }
 }
@@ -152,12 +161,12 @@ mod tests {
             let mut huge = [&MAGIC[..], &[0b1110_0000]].concat();
             huge.extend(size.to_le_bytes());
             let refused = unpacker.unpack(&huge).expect_err("refused");
-            assert_eq!(refused, "zstd: 13 bytes unpack to more than 1048576 bytes");
+            assert_eq!(refused.to_string(), "zstd: 13 bytes unpack to more than 1048576 bytes");
         }
         assert!(unpacker.buffer.capacity() < MESSAGE_FREE, "{}", unpacker.buffer.capacity());
         let bomb = zstd::stream::encode_all(io::repeat(0).take(MESSAGE_LIMIT as u64 + 1), LEVEL);
         let refused = unpacker.unpack(&bomb.expect("compressed")).expect_err("refused");
-        assert!(refused.contains("bytes unpack to more than"), "{refused}");
+        assert!(matches!(refused, UnpackError::TooLong { .. }), "{refused}");
         for damaged in [&packed[..packed.len() - 1], &MAGIC[..], &[]] {
             unpacker.unpack(damaged).expect_err("refused");
         }

@@ -8,7 +8,7 @@
 //! columns for the data that are read here. Columns are selected by name, and others are ignored. The content of a database
 //! is not trusted: only plain tables are read, lengths are limited, and rows must come in order.
 
-use super::bag_sink::{Sink, TopicInfo};
+use super::bag_sink::{LogTimeFault, Sink, TopicInfo};
 use super::{Note, RunError};
 use rusqlite::limits::Limit;
 use rusqlite::types::ValueRef;
@@ -322,7 +322,7 @@ impl Reader<'_> {
                 next = id.saturating_add(1);
                 let log_time = match row.get_ref(2)? {
                     ValueRef::Integer(nanos) => Ok(nanos),
-                    _ => Err(format!("row {id} has no time")),
+                    _ => Err(LogTimeFault::Absent { row: id }),
                 };
                 // A value that is not a blob yields no bytes and counts as undecodable.
                 let data = row.get_ref(3)?.as_bytes().unwrap_or_default();

@@ -3,10 +3,21 @@
 use super::column::Quantity;
 use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::standard::{Float64, Header, Temperature, Time};
-use mr_damper_msgs::{CdrError, CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity, cdr};
+use mr_damper_msgs::{
+    CdrError, CoilCurrent, CommandVoltage, Displacement, Force, Message, TimeOutOfRange, Velocity, cdr,
+};
 
-/// Writes one sample as CDR into a reused buffer; the error says why it cannot be written.
-type Encode = fn(Stamp, f64, &mut Vec<u8>) -> Result<(), String>;
+/// A sample that cannot be written as a message.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum EncodeError {
+    #[error("{0}: shift the run's times")]
+    Stamp(TimeOutOfRange),
+    #[error(transparent)]
+    Cdr(#[from] CdrError),
+}
+
+/// Writes one sample as CDR into a reused buffer.
+type Encode = fn(Stamp, f64, &mut Vec<u8>) -> Result<(), EncodeError>;
 
 /// The message type of a column, and its encoding function.
 pub(super) struct Encoder {
@@ -44,7 +55,7 @@ impl Encoder {
                 })
             }
             Some(Quantity::Setpoint) | None => {
-                Self::new::<Float64>(|_, data, cdr| cdr::write_into(&Float64 { data }, cdr).map_err(text))
+                Self::new::<Float64>(|_, data, cdr| Ok(cdr::write_into(&Float64 { data }, cdr)?))
             }
         }
     }
@@ -58,11 +69,7 @@ fn stamped<M: Message>(
     stamp: Stamp,
     cdr: &mut Vec<u8>,
     make: impl FnOnce(Header) -> M,
-) -> Result<(), String> {
-    let stamp = Time::from_nanos(stamp.nanos()).map_err(|error| format!("{error}: shift the run's times"))?;
-    cdr::write_into(&make(Header { stamp, frame_id: String::new() }), cdr).map_err(text)
-}
-
-fn text(error: CdrError) -> String {
-    error.to_string()
+) -> Result<(), EncodeError> {
+    let stamp = Time::from_nanos(stamp.nanos()).map_err(EncodeError::Stamp)?;
+    Ok(cdr::write_into(&make(Header { stamp, frame_id: String::new() }), cdr)?)
 }

@@ -89,7 +89,7 @@ impl RunArgs {
         let Some(path) = &self.map_file else { return Ok(flags) };
         let in_file = |message: String| NodeError::File { path: path.clone(), message };
         let text = std::fs::read_to_string(path).map_err(|error| in_file(error.to_string()))?;
-        Ok(Map::from_toml(&text).map_err(in_file)?.overridden_by(flags))
+        Ok(Map::from_toml(&text).map_err(|error| in_file(error.to_string()))?.overridden_by(flags))
     }
 
     /// Reads the run at `path` and logs its notes as warnings.
