@@ -156,9 +156,9 @@ impl Control {
             Transition::Cleanup => None,
             Transition::Activate => {
                 let models = state.models.ok_or_else(|| NodeError::Failed("there is no model".to_owned()))?;
-                self.send(PipelineCommand::Begin(setup(&state.config, &models)?.1))?
+                self.send([PipelineCommand::Begin(setup(&state.config, &models)?.1)])?
             }
-            Transition::Deactivate | Transition::Shutdown => self.send(PipelineCommand::End)?,
+            Transition::Deactivate | Transition::Shutdown => self.send([PipelineCommand::End])?,
         };
         if let Some((place, counters)) = place {
             await_executed(place, &counters)?;
@@ -191,7 +191,7 @@ impl Control {
         if lifecycle != LifecycleState::Active {
             return Err(RequestError::NothingToReset { state: lifecycle.name() }.into());
         }
-        self.send(PipelineCommand::Reset).map(|_| tracing::info!("reset"))
+        self.send([PipelineCommand::Reset]).map(|_| tracing::info!("reset"))
     }
 
     /// Takes the time `stamp` from `/clock`. If it went back, the history is cleared, because it belongs to another
@@ -250,17 +250,17 @@ impl Control {
         let (settings, setup) = setup(&config, &models)?;
         let controller = *setup.controller();
         let place = if state.lifecycle == LifecycleState::Active {
-            self.send(PipelineCommand::Take(setup))?
+            self.send([PipelineCommand::Take(setup)])?
         } else {
             None
         };
         (state.config, state.models) = (config, Some(models));
-        drop(state);
-
-        if let Some((place, counters)) = place {
-            await_executed(place, &counters)?;
-        }
+        let executed = place.map_or(Ok(()), |(place, counters)| await_executed(place, &counters));
+        // Also after a timeout, because the thread takes the model as soon as it continues. The names change before another
+        // model can be loaded, so they are always those of the last one.
         self.runs_on(Some(&models), now.clone());
+        drop(state);
+        executed?;
         tracing::info!(model = now.free, before = before.free, hash = now.hash, "a new model is in use");
         Self::say_commands(&models.free, &settings, &controller);
         Ok(Loaded { before, now })
@@ -281,11 +281,14 @@ impl Control {
         }
     }
 
-    /// Puts a command into the ring and returns its position there; `None` before the thread has started.
-    fn send(&self, command: PipelineCommand) -> Result<Option<(u64, Arc<EstimatorCounters>)>, NodeError> {
+    /// Puts all commands into the ring, or none, and returns the position of the last one; `None` before the thread has started.
+    fn send<const N: usize>(
+        &self,
+        commands: [PipelineCommand; N],
+    ) -> Result<Option<(u64, Arc<EstimatorCounters>)>, NodeError> {
         let mut estimator = lock(&self.estimator);
         let Some(estimator) = estimator.as_mut() else { return Ok(None) };
-        match estimator.command(command) {
+        match estimator.command(commands) {
             Some(place) => Ok(Some((place, estimator.counters()))),
             None => Err(NodeError::Failed("too many changes at once; try again".to_owned())),
         }
@@ -316,6 +319,7 @@ impl Control {
         if changed.is_empty() {
             return Ok(changed);
         }
+        let another_time = self.clock.is_simulated() != config.use_sim_time;
         if let Some(models) = &state.models {
             // The pipeline may refuse a combination that each parameter's own range allows, for example an ARX model
             // with an output filter.
@@ -326,18 +330,20 @@ impl Control {
                 Self::say_commands(&models.free, &settings, setup.controller());
             }
             if state.lifecycle == LifecycleState::Active {
-                self.send(PipelineCommand::Take(setup))?;
+                let take = PipelineCommand::Take(setup);
+                if another_time {
+                    self.send([take, PipelineCommand::Reset])?;
+                    tracing::info!("the clock is switched: all history is cleared");
+                } else {
+                    self.send([take])?;
+                }
             }
         }
+        // Nothing below can fail, so either everything was set or nothing.
         tracing::info!(parameters = ?requested, "set");
-        let another_time = self.clock.is_simulated() != config.use_sim_time;
         state.config = config;
         if another_time {
             self.clock.simulate(state.config.use_sim_time);
-            if state.lifecycle == LifecycleState::Active {
-                tracing::info!("the clock was switched: all history is cleared");
-                self.send(PipelineCommand::Reset)?;
-            }
         }
         Ok(changed)
     }
@@ -429,6 +435,28 @@ mod tests {
         let log = fmt().with_ansi(false).with_writer(lines).finish();
         tracing::subscriber::with_default(log, || control.load_model(name)).expect("a preset runs");
         std::fs::read_to_string(file.path()).expect("text")
+    }
+
+    #[test]
+    fn names_and_hash_are_those_of_the_model_that_was_loaded_last() {
+        let mut config = Config::default();
+        config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned())).expect("a text");
+        let control = Control::new(&config);
+        control.change_state(Transition::Configure).expect("a preset");
+        let (estimator, _sink) = Estimator::start(control.clock(), Vec::new()).expect("a thread");
+        control.attach(estimator);
+        control.change_state(Transition::Activate).expect("a model");
+        for round in 0..50 {
+            let control = &control;
+            std::thread::scope(|scope| {
+                for name in ["thesis/fuzzy-tanh/rp1-cs", "thesis/fuzzy-tanh/rp2-cs"] {
+                    scope.spawn(move || control.load_model(name).expect("a preset runs"));
+                }
+            });
+            let running = control.models().expect("it is configured");
+            assert_eq!(control.models_names().hash, models::hash(&running), "round {round}");
+        }
+        control.detach().expect("it was attached").stop().expect("no panic");
     }
 
     #[test]

@@ -199,13 +199,17 @@ impl Estimator {
         Ok((Self { commands, sent: 0, counters, worker }, sink))
     }
 
-    /// Sends a command; `None` when too many are waiting. The command is executed once [`EstimatorCounters::executed`] has
-    /// reached the returned number.
-    pub fn command(&mut self, command: PipelineCommand) -> Option<u64> {
-        let sent = self.commands.push(command).is_ok();
+    /// Sends all commands, or none and returns `None` when too many are waiting. They are executed once
+    /// [`EstimatorCounters::executed`] has reached the returned number.
+    pub fn command<const N: usize>(&mut self, commands: [PipelineCommand; N]) -> Option<u64> {
+        let fit = self.commands.slots() >= N;
+        if fit {
+            for command in commands {
+                self.sent += u64::from(self.commands.push(command).is_ok());
+            }
+        }
         self.worker.thread().unpark();
-        self.sent += u64::from(sent);
-        sent.then_some(self.sent)
+        fit.then_some(self.sent)
     }
 
     /// The thread's counters.
@@ -240,6 +244,8 @@ fn run(
     let mut pipeline: Option<Pipeline> = None;
     let mut overflow_seen = 0;
     loop {
+        // Asked before the rings are emptied: a sample that comes between the two is processed in the next round.
+        let is_last = stop.is_raised();
         while let Ok(command) = commands.pop() {
             execute(&mut pipeline, command, &mut senders);
             counters.executed.fetch_add(1, Ordering::Release);
@@ -282,7 +288,7 @@ fn run(
         if worked {
             continue;
         }
-        if stop.is_raised() {
+        if is_last {
             return;
         }
         if let (Some(pipeline), Some(now)) = (&mut pipeline, clock.now()) {
@@ -334,6 +340,49 @@ impl<'a> Fanout<'a> {
             if self.fed & (1 << index) != 0 {
                 sender.wake();
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mr_damper_model::sample::{Reading, Stamp};
+    use mr_damper_model::units::Metre;
+
+    fn start() -> (Estimator, SampleSink) {
+        Estimator::start(Arc::new(Clock::new(false)), Vec::new()).expect("a thread")
+    }
+
+    #[test]
+    fn commands_are_sent_together_or_not_at_all() {
+        let test = || {
+            let (mut estimator, _sink) = start();
+            let counters = estimator.counters();
+            let many = std::array::from_fn::<_, { COMMANDS + 1 }, _>(|_| PipelineCommand::Reset);
+            assert_eq!(estimator.command(many), None);
+            assert_eq!(estimator.command([PipelineCommand::End, PipelineCommand::Reset]), Some(2));
+            estimator.stop().expect("no panic");
+            assert_eq!(counters.executed.load(Ordering::Acquire), 2);
+        };
+        // A command is large, because a setup is not boxed.
+        let thread = std::thread::Builder::new().stack_size(256 << 20).spawn(test).expect("a thread");
+        thread.join().expect("no panic");
+    }
+
+    #[test]
+    fn a_sample_that_comes_just_before_the_end_is_processed() {
+        for spins in 0..3000 {
+            let (estimator, mut sink) = start();
+            let counters = estimator.counters();
+            // The thread reaches each of its steps at some number of spins.
+            for _ in 0..spins {
+                std::hint::spin_loop();
+            }
+            let stamp = Stamp::from_nanos(0);
+            sink.push(Sample { stamp, received: stamp, reading: Reading::Displacement(Metre(0.0)) });
+            estimator.stop().expect("no panic");
+            assert_eq!(counters.samples.load(Ordering::Relaxed), 1, "{spins} spins");
         }
     }
 }
