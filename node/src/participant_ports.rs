@@ -69,8 +69,10 @@ const fn user_port(domain: u16, id: u16) -> u16 {
 
 /// Binds the port of discovery of each id whose port of user data is taken, up to the first id of which both are free.
 fn hold_incomplete_ids(domain: u16) -> Vec<UdpSocket> {
+    // In the last domains, the ports of higher ids would exceed the port range.
+    let ids = (u16::MAX - own_port(domain, 0)).div_ceil(2).min(PARTICIPANTS);
     let mut held = Vec::new();
-    for id in 0..PARTICIPANTS {
+    for id in 0..ids {
         // An id whose port of discovery is taken belongs to another participant. Its port of user data is left alone:
         // that participant may be about to bind it.
         let Ok(discovery) = bound(own_port(domain, id)) else { continue };
@@ -127,6 +129,13 @@ mod tests {
         assert_eq!(inodes_on(LISTED, 7411).collect::<Vec<_>>(), ["11817"]);
         assert_eq!(inodes_on(LISTED, 7410).collect::<Vec<_>>(), ["11816"]);
         assert_eq!(inodes_on(LISTED, 7412).next(), None);
+    }
+
+    #[test]
+    fn the_last_domain_has_ports_for_63_participants() {
+        let ports: Vec<UdpSocket> = (0..63).filter_map(|id| bound(user_port(232, id)).ok()).collect();
+        assert_eq!(ports.len(), 63, "nobody uses this domain");
+        assert_eq!(hold_incomplete_ids(232).len(), 63);
     }
 
     #[test]
