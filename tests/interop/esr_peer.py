@@ -2,7 +2,7 @@
 """A subscriber that computes the error of the node's force independently, for comparison with `mr-damper evaluate`.
 
 Receives force_residual and force_estimate as raw bytes, so that Python keeps up with runs of several kilohertz, and decodes them at
-the end. ESR (NMSE) is the sum of squared errors divided by the sum of squares of measured force about its mean. Two results:
+the end. NMSE is the sum of squared errors divided by the sum of squares of measured force about its mean. Two results:
   residual    measured minus predicted, from force_residual: the model in simulation (free run)
   estimate    force_estimate in the modes of --modes, compared with the measured force of the same stamp
 
@@ -35,7 +35,7 @@ def arguments():
 
 
 def score(pairs):
-    """Number of samples, ESR (NMSE) and RSSE (RMSE, in newtons) of (measured, predicted) pairs."""
+    """Number of samples, NMSE and RMSE (N) of (measured, predicted) pairs."""
     pairs = [(m, p) for m, p in pairs if math.isfinite(m) and math.isfinite(p)]
     if not pairs:
         return {"samples": 0, "esr": math.nan, "rsse_n": math.nan}

@@ -45,7 +45,7 @@ for name in "nees", "utfsm", "utfpr":
     closing = json.loads((pathlib.Path(sys.argv[1]) / f"{name}.json").read_text())
     test = closing["test"]
     low, high = test["ratio_ci95"] or (float("nan"), float("nan"))
-    print(f"{name}: {closing['verdict']}, test-run ESR {test['before']['esr']:.4f} -> {test['after']['esr']:.4f}, "
+    print(f"{name}: {closing['verdict']}, test-run NMSE {test['before']['esr']:.4f} -> {test['after']['esr']:.4f}, "
           f"squared error left {100 * test['ratio']:.1f} % ({100 * low:.1f} to {100 * high:.1f}), {closing['seconds']:.0f} s")
     for effect in closing["effects"]:
         print("   ", effect["id"], effect.get("class", ""), effect["parameters"])

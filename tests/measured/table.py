@@ -13,7 +13,7 @@ FORMS = {"semi_active": "", "fuzzy": " (fuzzy)", "free_fuzzy": " (free sets)"}
 
 
 def mean_esr(report, predictor):
-    """Mean ESR of each model over all held-out runs; models that failed on any run are left out."""
+    """Mean NMSE of each model over all held-out runs; models that failed on any run are left out."""
     rows = {}
     for row in report["cross_validation"]:
         if row["predictor"] == predictor:
@@ -29,7 +29,7 @@ def main(out):
     models = sorted({model for column in free for model in column})
 
     def place(model):
-        # Geometric mean of the ratio to the best ESR, over the columns in which the model has a
+        # Geometric mean of the ratio to the best NMSE, over the columns in which the model has a
         # value.
         ratios = [column[model] / least for column, least in zip(free, best) if model in column]
         missing = len(free) - len(ratios)
@@ -38,7 +38,7 @@ def main(out):
             product *= ratio
         return missing, product ** (1 / max(len(ratios), 1))
 
-    print("| mean ESR, free run | " + " | ".join(COLUMNS) + " |")
+    print("| mean NMSE, free run | " + " | ".join(COLUMNS) + " |")
     print("|---|" + "---|" * len(COLUMNS))
     for model in sorted(models, key=place):
         cells = [

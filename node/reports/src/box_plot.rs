@@ -136,12 +136,12 @@ mod tests {
             row("persistence", &[0.01, 0.012, 0.013]),
             row("a < b", &[]),
         ];
-        insta::assert_snapshot!(svg("ESR of two models", "ESR", &rows, values(&rows)).replace('>', ">\n"));
+        insta::assert_snapshot!(svg("NMSE of two models", "NMSE", &rows, values(&rows)).replace('>', ">\n"));
     }
 
     #[test]
     fn a_drawing_without_rows_is_valid() {
-        let svg = svg("", "ESR", &[], std::iter::empty());
+        let svg = svg("", "NMSE", &[], std::iter::empty());
         assert!(svg.ends_with("</svg>") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
     }
 }

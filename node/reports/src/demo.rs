@@ -130,8 +130,8 @@ fn figures(outcome: &DemoOutcome) -> Markup {
         })
         .collect();
     html! {
-        (table(&["", "#RSSE, N", "#RSSE, lbf", "#ESR", "#samples", "#ESR offline"], &rows))
-        p { "RSSE is the root mean squared error (RMSE). ESR is the normalised mean squared error (NMSE): the squared RMSE over the "
+        (table(&["", "#RMSE, N", "#RMSE, lbf", "#NMSE", "#samples", "#NMSE offline"], &rows))
+        p { "RMSE is the root mean squared error (RSSE in the thesis). NMSE is the normalised one (ESR in the thesis): the squared RMSE over the "
             "variance of the measured force; 0 is perfect, 1 is as good as the mean. " em { "Simulation (free run)" } " uses displacement and \
             current only; "
             em { "one step ahead" } " is a prediction that also knows the measured force up to the previous sample. Its baseline is "
@@ -225,7 +225,7 @@ fn residual_over_time(outcome: &DemoOutcome) -> Markup {
                 points: of(|r| r.residual.get()),
             },
             Series {
-                name: format!("RSSE with exponential forgetting over {window_s:.0} s"),
+                name: format!("RMSE with exponential forgetting over {window_s:.0} s"),
                 ink: Ink::Trend,
                 shape: Shape::Line,
                 points: of(|r| r.windowed_rsse.get()),

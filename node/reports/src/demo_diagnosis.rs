@@ -118,7 +118,7 @@ pub fn text(demo: &DemoDiagnosis) -> String {
     let Some(swap) = &demo.swap else { return text };
     let figures = swap.figures();
     let width = figures.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    let _ = writeln!(text, "\n{:<width$} {:>18}  {:>8}", "simulation in the running service", "RSSE", "ESR");
+    let _ = writeln!(text, "\n{:<width$} {:>18}  {:>8}", "simulation in the running service", "RMSE", "NMSE");
     for (name, fit) in figures {
         let cells = fit.map_or_else(
             || "-".to_owned(),
@@ -189,7 +189,7 @@ fn before_and_after(swap: &ModelSwap) -> Markup {
     };
     html! {
         h3 { "The running service, before and after the swap" }
-        (table(&["simulation (free run)", "#RSSE, N", "#RSSE, lbf", "#ESR"], &rows))
+        (table(&["simulation (free run)", "#RMSE, N", "#RMSE, lbf", "#NMSE"], &rows))
         (plot.figure("Measured force minus simulated force (free run), on the run that was played after the swap: as the \
                       service published it, and as the previous model gives it offline."))
         p { "Alarm: " (swap.alarm()) ". The new model is " code { (swap.model.display()) } "; run it with "

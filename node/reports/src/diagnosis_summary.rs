@@ -147,7 +147,7 @@ impl DiagnosisSummary {
             }
             @if !errors.is_empty() {
                 (section("Simulation error, without each run's mean",
-                    &table(&["=runs", "#RSSE before, N", "#after, N", "#ESR before", "#after", "#squared error left"], &errors)))
+                    &table(&["=runs", "#RMSE before, N", "#after, N", "#NMSE before", "#after", "#squared error left"], &errors)))
             }
             (section("The model", &html! {
                 @match &self.model_file {

@@ -70,9 +70,8 @@ fn figures(outcome: &IdentifyOutcome) -> Markup {
         ]
     };
     html! {
-        (table(&["", "#RSSE, N", "#RSSE, lbf", "#ESR", "#samples"], &outcome.figures.iter().map(row).collect::<Vec<_>>()))
-        p { "RSSE is the root mean squared error (RMSE); ESR is the normalised mean squared error (NMSE), its square over the variance of \
-             the measured force. "
+        (table(&["", "#RMSE, N", "#RMSE, lbf", "#NMSE", "#samples"], &outcome.figures.iter().map(row).collect::<Vec<_>>()))
+        p { "RMSE is the root mean squared error; NMSE is its square over the variance of the measured force. "
             em { "Simulation (free run)" } " uses displacement and drive only; " em { "one step ahead" } " is a prediction that also "
             "knows the measured force up to the previous sample. Its baseline is " em { "persistence" } ", the previous measured force \
              repeated." }
@@ -96,7 +95,7 @@ fn runs(outcome: &IdentifyOutcome) -> Markup {
     let columns = [
         "run",
         "",
-        "#ESR simulation",
+        "#NMSE simulation",
         "#simulation without mean error",
         "#one step ahead",
         "#persistence (one step ahead)",

@@ -188,7 +188,7 @@ pub fn text(outcome: &InverseOutcome) -> String {
         "all",
         "achievable part",
         "infeasible",
-        "RSSE"
+        "RMSE"
     );
     for TrackingResult { setup, figures, .. } in &outcome.results {
         let rsse_n = figures.tracking.map_or(f64::NAN, |fit| fit.rsse_n);
@@ -231,8 +231,8 @@ pub fn html(outcome: &InverseOutcome) -> String {
         .collect();
     let body = html! {
         (section("Tracking error", &html! {
-            (table(&["", "error, all", "error, achievable part", "not achievable", "RSSE"], &rows))
-            p { "Error: RMS of demanded minus actual force, divided by the RMS of the demand. RSSE is the root mean squared error (RMSE). \
+            (table(&["", "error, all", "error, achievable part", "not achievable", "RMSE"], &rows))
+            p { "Error: RMS of demanded minus actual force, divided by the RMS of the demand. RMSE is the root mean squared error. \
                  A demand is not achievable when it is below the damper's force without current, above its force at the largest current, or \
                  when it would drive the rod; then the nearest current is commanded. On the rig a command holds until the next sample and \
                  passes a driver and a coil with lag, and the rig's damper differs from the model." }

@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn points_are_drawn_as_text() {
         let all = [named("a", 10.0, 0.3), named("b < c", 2000.0, 0.05), named("off", 1.0, f64::INFINITY)];
-        insta::assert_snapshot!(svg("error over time", "ns a step", "ESR", &all).replace('>', ">\n"));
+        insta::assert_snapshot!(svg("error over time", "ns a step", "NMSE", &all).replace('>', ">\n"));
     }
 
     #[test]

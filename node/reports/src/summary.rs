@@ -12,7 +12,7 @@ pub fn text(outcome: &DemoOutcome) -> String {
     // Writing to a string cannot fail.
     let mut text = String::new();
     let width = outcome.figures.iter().map(|figure| figure.name.chars().count()).max().unwrap_or(0);
-    let _ = writeln!(text, "{:<width$} {:>18}  {:>8} {:>8}  {:>8}", "", "RSSE", "ESR", "samples", "offline");
+    let _ = writeln!(text, "{:<width$} {:>18}  {:>8} {:>8}  {:>8}", "", "RMSE", "NMSE", "samples", "offline");
     for figure in &outcome.figures {
         let offline = figure.offline.map_or("-".to_owned(), |fit| format!("{:.5}", fit.esr));
         let _ = writeln!(text, "{:<width$} {}  {offline:>8}", figure.name, cells(figure.live));

@@ -187,7 +187,7 @@ impl Fitting {
             Out::At(path) => create(path, &text)?,
         };
         let figure = |what: &str, fit: Option<mr_damper_model::metrics::Fit>| {
-            fit.map(|fit| format!("; {what} RSSE {:.2} N, ESR {:.4}", fit.rsse_n, fit.esr))
+            fit.map(|fit| format!("; {what} RMSE {:.2} N, NMSE {:.4}", fit.rsse_n, fit.esr))
                 .unwrap_or_default()
         };
         let message = format!(

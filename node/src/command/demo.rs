@@ -349,7 +349,7 @@ impl Demo {
         let caution = if dc_is_meaningful { "" } else { ", but its static gain is not meaningful" };
         Ok(match found.free_run {
             Some(fit) => format!(
-                "In simulation, without measured force, {} has an ESR of {:.3} on this run (offline){caution}.",
+                "In simulation, without measured force, {} has an NMSE of {:.3} on this run (offline){caution}.",
                 self.seeded_name(),
                 fit.esr
             ),

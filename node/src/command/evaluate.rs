@@ -14,7 +14,7 @@ use mr_damper_runs::write_text;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Report how well a model predicts recorded runs: RMSE and NMSE (in the output RSSE and ESR, as in the thesis).
+/// Report how well a model predicts recorded runs: RMSE and NMSE (RSSE and ESR in the thesis).
 ///
 /// Two predictions are scored: the simulation (free_run in JSON), which uses displacement and drive only, and the
 /// one-step-ahead prediction (one_step in JSON; ARX only), which also uses the measured force. Persistence, which repeats
@@ -86,7 +86,7 @@ fn table(report: &Report<'_>) -> String {
         let mut row = |name: &str, fit: &Option<Fit>| {
             text += &match fit {
                 Some(fit) => format!(
-                    "  {name:<24} RSSE {:9.2} N ({:7.2} lbf)   ESR {:.6}   {} samples\n",
+                    "  {name:<24} RMSE {:9.2} N ({:7.2} lbf)   NMSE {:.6}   {} samples\n",
                     fit.rsse_n,
                     fit.rsse_n / N_PER_LBF,
                     fit.esr,

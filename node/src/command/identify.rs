@@ -401,7 +401,7 @@ fn pictured(
 fn table(report: &Report<'_>, out: &Path) -> String {
     let mut text = headline(report) + "\n";
     for (name, fit) in figures(report) {
-        text += &format!("  {name:<34} RSSE {:8.2} N   ESR {:.5}\n", fit.rsse_n, fit.esr);
+        text += &format!("  {name:<34} RMSE {:8.2} N   NMSE {:.5}\n", fit.rsse_n, fit.esr);
     }
     for remark in remarks(report) {
         text += &format!("  {remark}\n");

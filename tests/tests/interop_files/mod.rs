@@ -7,7 +7,7 @@ use crate::interop_support::{Distro, Lab};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Largest relative difference between the subscribers' ESR and the ESR of `evaluate`.
+/// Largest relative difference between the subscribers' NMSE and the NMSE of `evaluate`.
 const ESR_DIFFERENCE: f64 = 1e-9;
 /// Bags that are written for `rosbags` and `mcap`, with their options.
 const OUR_BAGS: [(&str, &[&str]); 8] = [
@@ -92,7 +92,7 @@ fn bags_are_exchanged_with_rosbags_and_mcap_in_both_directions() {
 #[test]
 #[ignore = "needs the measured runs (MR_DAMPER_DATA), and tests/interop/setup.sh"]
 fn subscribers_compute_the_esr_of_evaluate_for_fuzzy_tanh_on_measured_sines() {
-    interop("ESR of fuzzy-tanh on utfsm-mr", |lab| {
+    interop("NMSE of fuzzy-tanh on utfsm-mr", |lab| {
         let folder = match data("utfsm-mr") {
             Ok(folder) => folder,
             Err(why) => return Outcome::Missing(why),
@@ -107,7 +107,7 @@ fn subscribers_compute_the_esr_of_evaluate_for_fuzzy_tanh_on_measured_sines() {
 #[test]
 #[ignore = "needs the measured runs (MR_DAMPER_DATA), and tests/interop/setup.sh"]
 fn subscribers_compute_the_esr_of_evaluate_for_arx_on_measured_random_motion() {
-    interop("ESR of arx on nees-mr", |lab| {
+    interop("NMSE of arx on nees-mr", |lab| {
         let folder = match data("nees-mr") {
             Ok(folder) => folder,
             Err(why) => return Outcome::Missing(why),
@@ -129,7 +129,7 @@ pub(crate) fn identify(lab: &Lab, model: &str, runs: &[PathBuf], more: &[&str]) 
     out
 }
 
-/// Replays `run` through a node with `model`, and compares the ESR that a subscriber computes with `evaluate`: the
+/// Replays `run` through a node with `model`, and compares the NMSE that a subscriber computes with `evaluate`: the
 /// simulation (free run) from the residuals, and `figure`, the error that the model is identified for, from `seen`.
 fn compare_with_evaluate(lab: &Lab, model: &str, run: &Path, figure: &str, seen: &str) -> Outcome {
     let evaluated = lab.mr_damper(&["--quiet", "evaluate", model, utf8(run), "--json", "-"]).json(PEER);
@@ -160,7 +160,7 @@ fn compare_with_evaluate(lab: &Lab, model: &str, run: &Path, figure: &str, seen:
                 "{figure}{quantity}: evaluate {ours:e}, subscriber {theirs:e}, relative difference {difference:e}"
             );
             if quantity == "/esr" {
-                figures.push(format!("{figure} ESR {ours:.6}, difference {difference:.0e}"));
+                figures.push(format!("{figure} NMSE {ours:.6}, difference {difference:.0e}"));
             }
         }
     }

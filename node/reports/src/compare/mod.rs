@@ -141,10 +141,10 @@ fn against(outcome: &CompareOutcome<'_>, published: &Published) -> Markup {
     let columns = [
         "#place in the thesis",
         "=model",
-        "#mean ESR",
+        "#mean NMSE",
         "trained on",
         "#place here",
-        "#mean ESR",
+        "#mean NMSE",
         "trained on",
     ];
     let rows: Vec<Vec<String>> = orders.ranked.iter().enumerate().map(row).collect();
@@ -154,7 +154,7 @@ fn against(outcome: &CompareOutcome<'_>, published: &Published) -> Markup {
     html! {
         (table(&columns, &rows))
         p {
-            "Models are ordered by the mean ESR over all tests of their best training experiment. Each is used as in its publication: "
+            "Models are ordered by the mean NMSE over all tests of their best training experiment. Each is used as in its publication: "
             "ARX for one-step-ahead prediction, p with the measured force as an input, all others in simulation. Rank correlation of the "
             "two orders (Kendall's tau; 1: equal, 0: unrelated, \u{2212}1: reversed): " strong { (tau(orders.tau)) }
             "; with every model in simulation here: " strong { (tau(orders.tau_free_run)) } "."
@@ -200,15 +200,15 @@ fn boxes(outcome: &CompareOutcome<'_>) -> Markup {
         }
     };
     html! {
-        p { "ESR of every test of every training experiment. The box spans the lower to the upper quartile, with a line at the median; "
+        p { "NMSE of every test of every training experiment. The box spans the lower to the upper quartile, with a line at the median; "
             "whiskers reach the last test within 1.5 box lengths; dots are tests beyond. Quartiles are interpolated "
             "between order statistics. Further left is better; the axis is logarithmic." }
-        (pictures(Predictor::FreeRun, "ESR, simulation", [
+        (pictures(Predictor::FreeRun, "NMSE, simulation", [
             ("semi_active", "Simulation, with drive"),
             ("fuzzy", "Simulation, fuzzy sets over the drive"),
             ("passive", "Simulation, without drive (passive)"),
         ]))
-        (pictures(Predictor::OneStep, "ESR, prediction", [
+        (pictures(Predictor::OneStep, "NMSE, prediction", [
             ("semi_active", "One-step-ahead prediction, with drive"),
             ("fuzzy", "One-step-ahead prediction, fuzzy sets over the drive"),
             ("passive", "One-step-ahead prediction, without drive (passive)"),
@@ -243,9 +243,9 @@ fn pareto(outcome: &CompareOutcome<'_>) -> Markup {
         }
         figure {
             (PreEscaped(scatter::svg(
-                "Median ESR of the simulation against time per step",
+                "Median NMSE of the simulation against time per step",
                 "time per step, ns",
-                "median ESR, simulation",
+                "median NMSE, simulation",
                 &points,
             )))
             figcaption {

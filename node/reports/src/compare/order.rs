@@ -15,7 +15,7 @@ const STEPPED: &str = "-CS";
 pub struct Ranked {
     /// The model, and how it was used in its publication.
     pub class: Class,
-    /// The best training experiment in the publication, and the mean NMSE (ESR) there.
+    /// The best training experiment in the publication, and the mean NMSE there.
     pub published: (String, f64),
     /// The best training experiment and mean NMSE here; `None` without a mean.
     pub here: Option<(String, f64)>,
@@ -123,7 +123,7 @@ fn one_step(
     if !leading.is_empty() && still > 0.0 && still < best_free {
         remarks.push(format!(
             "{}: given the measured force up to the previous sample, unlike all other models. Persistence, which has no \
-             damper model, reaches a mean ESR of {still:.4} with this input and would be ahead of every simulated model \
+             damper model, reaches a mean NMSE of {still:.4} with this input and would be ahead of every simulated model \
              (the best: {best_free:.4}). The lead comes from the input.",
             leading.join(", ")
         ));
@@ -139,7 +139,7 @@ fn one_step(
         let own = name(&Class { predictor: Predictor::FreeRun, ..r.class.clone() });
         match free(&r.class) {
             Some((_, free)) if free > *esr => remarks.push(format!(
-                "In simulation, like the others, {own} has a mean ESR of {free:.4} instead of {esr:.4}."
+                "In simulation, like the others, {own} has a mean NMSE of {free:.4} instead of {esr:.4}."
             )),
             None => remarks.push(format!(
                 "In simulation, {own} has no mean: it diverges in some test or has no figure there."
@@ -268,8 +268,8 @@ mod tests {
             "sp (passive) is before anfis (passive) in the thesis (0.0770 against 0.0860)",
             "within 15 %",
             "arx (passive, one step ahead): given the measured force",
-            "reaches a mean ESR of 0.0200 with this input",
-            "In simulation, like the others, arx (passive) has a mean ESR of 0.3000 instead of 0.0040",
+            "reaches a mean NMSE of 0.0200 with this input",
+            "In simulation, like the others, arx (passive) has a mean NMSE of 0.3000 instead of 0.0040",
             "anfis (passive) predicts best when trained on RP-ICPS (varying current); in the thesis on RP1-CS",
             "p (passive) has no place here: it was not part of this comparison",
         ] {

@@ -52,9 +52,9 @@ pub(super) fn best(outcome: &CompareOutcome<'_>) -> Markup {
         "=form",
         "#para\u{ad}meters",
         "=best on",
-        "#mean ESR",
-        "#mean RSSE, N (lbf)",
-        "#median ESR",
+        "#mean NMSE",
+        "#mean RMSE, N (lbf)",
+        "#median NMSE",
         "#without figure",
         "#ns per step",
     ];
@@ -68,12 +68,13 @@ pub(super) fn best(outcome: &CompareOutcome<'_>) -> Markup {
                 @if predictor == Predictor::OneStep { (persistence(outcome)) }
             }
         }
-        p { em { "Best on" } " is the training experiment with the lowest mean ESR; both means are of this experiment, and the median "
+        p { em { "Best on" } " is the training experiment with the lowest mean NMSE; both means are of this experiment, and the median "
             "is over all training experiments. Means are over all tests: every replicate of every experiment except the "
             "training run. A model has no mean "
             "when a test has no figure because the simulation diverged. "
             em { "Without figure" } " counts such tests, and training runs that gave no model. The model keeps the force offset of its "
-            "training run. RSSE is the root mean squared error (RMSE); ESR is the normalised mean squared error (NMSE)." }
+            "training run. RMSE is the root mean squared error (RSSE in the thesis); NMSE is its square over the variance of the \
+             measured force (ESR in the thesis)." }
         (failures(outcome))
     }
 }
@@ -81,8 +82,8 @@ pub(super) fn best(outcome: &CompareOutcome<'_>) -> Markup {
 fn persistence(outcome: &CompareOutcome<'_>) -> Markup {
     html! {
         @if let Some((esr, rsse_n)) = outcome.persistence_means() {
-            p { "Persistence (the measured force of the previous sample), mean over all runs: ESR "
-                strong { (format!("{esr:.4}")) } ", RSSE " (rsse(Some(rsse_n)))
+            p { "Persistence (the measured force of the previous sample), mean over all runs: NMSE "
+                strong { (format!("{esr:.4}")) } ", RMSE " (rsse(Some(rsse_n)))
                 ". A one-step-ahead model with a larger error is worse than persistence." }
         }
     }
@@ -156,9 +157,9 @@ pub(super) fn cross_validation(outcome: &CompareOutcome<'_>) -> Markup {
         @for (predictor, heading) in PREDICTORS {
             @let in_newton = rows(predictor, |f| rsse(f.map(|f| f.rsse_n)));
             @if !in_newton.is_empty() {
-                h3 { (heading) ": RSSE, N (lbf)" }
+                h3 { (heading) ": RMSE, N (lbf)" }
                 (table(&columns, &in_newton))
-                h3 { (heading) ": ESR" }
+                h3 { (heading) ": NMSE" }
                 (table(&columns, &rows(predictor, |f| number(f.map(|f| f.esr), 4))))
                 @if predictor == Predictor::OneStep { (persistence(outcome)) }
             }
@@ -192,12 +193,12 @@ fn one_model(outcome: &CompareOutcome<'_>, class: &Class, cells: &[&Finished]) -
     let one_step = class.predictor == Predictor::OneStep;
     let thesis = |cell: &Finished| outcome.published?.row(class, &cell.trained_on)?.identification;
     let published = cells.iter().any(|cell| thesis(cell).is_some());
-    let mut columns = vec!["=experiment", "#RSSE, N", "#RSSE, lbf", "#ESR"];
+    let mut columns = vec!["=experiment", "#RMSE, N", "#RMSE, lbf", "#NMSE"];
     if one_step {
-        columns.push("#ESR of persistence");
+        columns.push("#NMSE of persistence");
     }
     if published {
-        columns.extend(["#thesis: RSSE, N", "#lbf", "#ESR"]);
+        columns.extend(["#thesis: RMSE, N", "#lbf", "#NMSE"]);
     }
     let row = |cell: &&Finished| {
         let figure: Option<&Figure> = cell.identification.iter().find(|f| f.predictor == class.predictor);

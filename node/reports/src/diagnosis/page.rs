@@ -143,18 +143,18 @@ fn errors(result: &DiagnosisResult) -> Markup {
         "",
         "#squared error left",
         "#95 %",
-        "#before: RSSE, N",
+        "#before: RMSE, N",
         "#lbf",
-        "#ESR",
-        "#after: RSSE, N",
+        "#NMSE",
+        "#after: RMSE, N",
         "#lbf",
-        "#ESR",
+        "#NMSE",
     ];
     html! {
         (table(&columns, &rows))
         p { "Roles: \"sealed\" is a test run (--test, read once), \"confirm\" a validation run. The models are simulated from displacement and "
-            "drive, without the measured force; each run's mean error is subtracted. RSSE is the root mean squared error (RMSE); ESR is the "
-            "normalised mean squared error (NMSE), its square over the variance of the measured force. The interval is from a t test \
+            "drive, without the measured force; each run's mean error is subtracted. RMSE is the root mean squared error; NMSE is its "
+            "square over the variance of the measured force. The interval is from a t test \
              on sums over blocks." }
         p { (capital(&words::noise_floor(&result.noise_floor))) "." }
     }

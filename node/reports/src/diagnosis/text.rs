@@ -96,7 +96,7 @@ fn errors(text: &mut String, result: &DiagnosisResult) {
     let Some(width) = rows.iter().map(|(name, ..)| name.chars().count()).max() else { return };
     let _ = writeln!(
         text,
-        "\nSimulation error without each run's mean: RSSE, ESR, and the share of the squared error that is left"
+        "\nSimulation error without each run's mean: RMSE, NMSE, and the share of the squared error that is left"
     );
     let _ = writeln!(text, "  {:<width$}  {:>30}  {:>30}  {:>7}", "", "before", "after", "left");
     for (name, before, after) in rows {

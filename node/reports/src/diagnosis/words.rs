@@ -265,7 +265,7 @@ pub fn noise_floor(floor: &NoiseFloor) -> String {
              --replicates or --noise-floor for a reliable value"
         }
     };
-    format!("noise floor {}, ESR {}, {source}", force(floor.rsse_n), figure(floor.esr))
+    format!("noise floor {}, NMSE {}, {source}", force(floor.rsse_n), figure(floor.esr))
 }
 
 /// The effects that the data cannot distinguish from the named one, and for each effect of the class (the named one

@@ -49,11 +49,11 @@ fn identification(text: &mut String, done: &ComparisonResult, predictor: Predict
     let _ = write!(
         text,
         "  {:<14} {:<12} {:<12} {:>9} {:>8} {:>8}",
-        "model", "form", "experiment", "RSSE N", "lbf", "ESR"
+        "model", "form", "experiment", "RMSE N", "lbf", "NMSE"
     );
     let _ = write!(text, "{}", if one_step { "  persistence" } else { "" });
     let published = done.published.is_some();
-    let _ = writeln!(text, "{}", if published { "   thesis N      lbf      ESR" } else { "" });
+    let _ = writeln!(text, "{}", if published { "   thesis N      lbf     NMSE" } else { "" });
     for finished in &done.cells {
         for figure in finished.identification.iter().filter(|f| f.predictor == predictor) {
             let _ = write!(
@@ -94,11 +94,11 @@ fn identification(text: &mut String, done: &ComparisonResult, predictor: Predict
 fn cross_validation(text: &mut String, done: &ComparisonResult, predictor: Predictor, times: &[StepTime]) {
     let _ = write!(
         text,
-        "  {:<14} {:<12} {:<12} {:>9} {:>9} {:>8} {:>10} {:>8}",
-        "model", "form", "best on", "mean ESR", "RSSE N", "lbf", "median ESR", "ns/step"
+        "  {:<14} {:<12} {:<12} {:>9} {:>9} {:>8} {:>11} {:>8}",
+        "model", "form", "best on", "mean NMSE", "RMSE N", "lbf", "median NMSE", "ns/step"
     );
     let published = done.published.is_some();
-    let _ = writeln!(text, "{}", if published { "  thesis ESR (its best)" } else { "" });
+    let _ = writeln!(text, "{}", if published { "  thesis NMSE (its best)" } else { "" });
     for summary in done.summaries.iter().filter(|s| s.class.predictor == predictor && !s.rows.is_empty()) {
         let _ = writeln!(text, "{}", cross_validation_line(summary, done, times));
     }
@@ -133,7 +133,7 @@ fn cross_validation_line(summary: &Summary, done: &ComparisonResult, times: &[St
         cell(best.and_then(|row| row.mean_esr), 9, 4),
         cell(rsse_n, 9, 2),
         cell(rsse_n.map(|n| n / N_PER_LBF), 8, 2),
-        cell(summary.median_esr(), 10, 4),
+        cell(summary.median_esr(), 11, 4),
         cell(time.map(|t| t.ns_per_step), 8, 0)
     );
     if let Some((on, esr)) = done.published.as_ref().and_then(|published| published.best(class)) {

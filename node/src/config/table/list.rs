@@ -131,7 +131,7 @@ const MAIN: [Parameter; 26] = [
         "residual.alarm_ratio",
         1.0..=1000.0,
         Running,
-        "factor over the model's expected RMSE (RSSE) that is still normal; a residual that stays above it raises the alarm",
+        "factor over the model's expected RMSE that is still normal; a residual that stays above it raises the alarm",
         settings.alarm_ratio
     ),
     double!(

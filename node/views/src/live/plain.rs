@@ -24,7 +24,7 @@ pub fn line(summary: &LiveSummary) -> String {
         } else {
             format!("  residual {:>7} N", "-")
         };
-        text += &format!("  RSSE {:5.1} N ESR {:.3}", residual.windowed_rsse.get(), residual.windowed_esr);
+        text += &format!("  RMSE {:5.1} N NMSE {:.3}", residual.windowed_rsse.get(), residual.windowed_esr);
     }
     text += &format!(
         "  in {:.0}/{:.0}/{:.0} out {:.0} Hz",

@@ -87,7 +87,7 @@ fn now_lines(summary: &LiveSummary) -> Vec<Line<'static>> {
     ];
     if let Some(residual) = &summary.residual {
         lines.push(Line::from(format!(
-            "simulation, {:.0} s: {:.1} N, ESR {:.3}",
+            "simulation, {:.0} s: {:.1} N, NMSE {:.3}",
             residual.window.get(),
             residual.windowed_rsse.get(),
             residual.windowed_esr

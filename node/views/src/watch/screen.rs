@@ -138,7 +138,7 @@ fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &DamperState) {
         let [rsse, esr] = [(residual.windowed_rsse_n, 1), (residual.windowed_esr, 3)]
             .map(|(value, digits)| figure(Some(value), digits));
         lines.push(format!("simulated force {} N", figure(Some(residual.predicted_n), 1)));
-        lines.push(format!("RSSE {rsse} N, ESR {esr} over {:.0} s", residual.window_s));
+        lines.push(format!("RMSE {rsse} N, NMSE {esr} over {:.0} s", residual.window_s));
     }
     if let Some(command) = fresh(state.command.as_ref()) {
         let ends = [command.achievable_min_n, command.achievable_max_n].map(|end| figure(Some(end), 0));
@@ -207,7 +207,7 @@ pub fn line(state: &DamperState) -> String {
     }
     if let Some(residual) = fresh(state.residual.as_ref()) {
         let (rsse, esr) = (figure(Some(residual.windowed_rsse_n), 1), figure(Some(residual.windowed_esr), 3));
-        text += &format!(", RSSE {rsse} N ESR {esr}");
+        text += &format!(", RMSE {rsse} N NMSE {esr}");
     }
     if let Some(command) = fresh(state.command.as_ref()) {
         text += &format!(", commanded {} A", figure(Some(command.current_a), 3));

@@ -27,9 +27,9 @@ const ROWS = [
   ["measured.force_n", "force, measured", "N", 1],
   ["residual.predicted_n", "force, simulated (free run)", "N", 1],
   ["residual.residual_n", "residual", "N", 1],
-  ["residual.normalised", "residual over expected RSSE", "", 2],
-  ["residual.windowed_rsse_n", "RSSE over the window", "N", 1],
-  ["residual.windowed_esr", "ESR over the window", "", 4],
+  ["residual.normalised", "residual over expected RMSE", "", 2],
+  ["residual.windowed_rsse_n", "RMSE over the window", "N", 1],
+  ["residual.windowed_esr", "NMSE over the window", "", 4],
   ["residual.window_s", "window", "s", 1],
   ["residual.alarm", "residual alarm", "", null],
   ["command.current_a", "current, commanded", "A", 3],
@@ -200,7 +200,7 @@ class Damper {
     // Only forces at the same time can be compared. Stamps in JSON are exact to about a microsecond here.
     const together = estimate && measured && Math.abs(measured.stamp_ns - estimate.stamp_ns) < 2e7;
     note("measured", measured, !measured ? "none received" : together ? `estimate differs by ${fixed(estimate.force_n - measured.force_n, 1)} N` : `received ${ago(measured.age_s)}`);
-    note("residual", residual, residual ? `RSSE ${fixed(residual.windowed_rsse_n, 1)} N, ESR ${fixed(residual.windowed_esr, 3)} over ${fixed(residual.window_s, 0)} s` : "none received");
+    note("residual", residual, residual ? `RMSE ${fixed(residual.windowed_rsse_n, 1)} N, NMSE ${fixed(residual.windowed_esr, 3)} over ${fixed(residual.window_s, 0)} s` : "none received");
     note("command", command, command ? `${fixed(command.achievable_min_n, 0)} to ${fixed(command.achievable_max_n, 0)} N achievable, ${fixed(command.force_requested_n, 0)} requested${command.limited_by === "none" ? "" : `; limited: ${plain(command.limited_by).replaceAll("_", " ")}`}` : "no force requested");
     this.showInterval(command);
   }

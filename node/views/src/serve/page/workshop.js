@@ -176,7 +176,7 @@ function figures(of) {
   const rows = [row("simulation (free run)", of.free_run), row("simulation, without mean error", of.free_run_without_offset)];
   // Persistence is the baseline of the one-step-ahead prediction only.
   if (of.one_step) rows.push(row("one-step-ahead prediction (with measured force)", of.one_step), row("persistence (one step)", of.persistence));
-  const parts = [table(["whole run, computed offline", "RSSE, N", "ESR", "samples"], rows)];
+  const parts = [table(["whole run, computed offline", "RMSE, N", "NMSE", "samples"], rows)];
   const band = of.band ? `${(100 * of.band.share).toFixed(1)} % of the samples are within the model's 90 % band. ` : "";
   parts.push(make("p", `${band}Simulation uses displacement and drive, not the measured force.${of.one_step ? "" : " This model does not use measured force, so it has no one-step-ahead prediction."}${of.refused ? ` ${of.refused} samples were refused.` : ""}`, { className: "note" }));
   return parts;
@@ -228,7 +228,7 @@ function found({ found, report }) {
   }
   if (found.errors.length) {
     const cells = ({ runs, before, after, left }) => [runs, before.rsse_n.toFixed(2), after.rsse_n.toFixed(2), left];
-    parts.push(table(["simulation error", "RSSE before, N", "after, N", "squared error left"], found.errors.map(cells)));
+    parts.push(table(["simulation error", "RMSE before, N", "after, N", "squared error left"], found.errors.map(cells)));
   }
   const model = make("p");
   if (!found.model_file) model.append("No effect was named, so no model file was written.");
