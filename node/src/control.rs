@@ -422,14 +422,21 @@ fn say_inverse(settings: &Settings, fold: Option<Fold>, fit: Option<&SurrogateFi
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimator;
     use tracing_subscriber::fmt;
 
-    /// Log output while `name` is loaded over the thesis' best model.
-    fn said_on_load(name: &str) -> String {
+    /// A configured service with the thesis' best model.
+    fn configured() -> Control {
         let mut config = Config::default();
         config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned())).expect("a text");
         let control = Control::new(&config);
         control.change_state(Transition::Configure).expect("a preset");
+        control
+    }
+
+    /// Log output while `name` is loaded over the thesis' best model.
+    fn said_on_load(name: &str) -> String {
+        let control = configured();
         let file = tempfile::NamedTempFile::new().expect("a temporary file");
         let lines = Arc::new(file.reopen().expect("it opens"));
         let log = fmt().with_ansi(false).with_writer(lines).finish();
@@ -439,10 +446,7 @@ mod tests {
 
     #[test]
     fn names_and_hash_are_those_of_the_model_that_was_loaded_last() {
-        let mut config = Config::default();
-        config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned())).expect("a text");
-        let control = Control::new(&config);
-        control.change_state(Transition::Configure).expect("a preset");
+        let control = configured();
         let (estimator, _sink) = Estimator::start(control.clock(), Vec::new()).expect("a thread");
         control.attach(estimator);
         control.change_state(Transition::Activate).expect("a model");
@@ -456,6 +460,40 @@ mod tests {
             let running = control.models().expect("it is configured");
             assert_eq!(control.models_names().hash, models::hash(&running), "round {round}");
         }
+        control.detach().expect("it was attached").stop().expect("no panic");
+    }
+
+    /// An active service whose estimating thread hangs.
+    fn hung() -> Control {
+        let control = configured();
+        control.change_state(Transition::Activate).expect("a model");
+        control.attach(Estimator::hung());
+        control
+    }
+
+    #[test]
+    fn after_a_timeout_names_and_hash_are_those_of_the_model_that_waits_in_the_ring() {
+        let control = hung();
+        let error = control.load_model("thesis/fuzzy-tanh/rp1-cs").expect_err("nobody executes it");
+        assert!(error.to_string().contains("has not swapped the model in"), "{error}");
+        assert_eq!(control.models_names().hash, models::hash(&control.models().expect("it is configured")));
+        control.detach().expect("it was attached").stop().expect("no panic");
+    }
+
+    #[test]
+    fn parameters_that_switch_the_clock_are_all_set_or_none() {
+        let control = hung();
+        let coast = |coast_s: f64| ("coast_s", Value::Double(coast_s));
+        // The ring then has room for one command, and the request needs two.
+        for k in 1..estimator::COMMANDS as u32 {
+            control.set_parameters(&[coast(0.01 * f64::from(k))]).expect("there is room");
+        }
+        let before = control.config();
+        let refused = control.set_parameters(&[("use_sim_time", Value::Bool(true)), coast(0.7)]);
+        assert!(refused.expect_err("no room").to_string().contains("too many changes"));
+        assert_eq!(control.config(), before);
+        assert!(!control.clock().is_simulated());
+        control.set_parameters(&[coast(0.7)]).expect("there is room for one");
         control.detach().expect("it was attached").stop().expect("no panic");
     }
 

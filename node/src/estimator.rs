@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 /// Samples that can wait for the estimating thread: one second of five channels at 3 kHz.
 const SAMPLES: usize = 16_384;
 /// Commands that can wait.
-const COMMANDS: usize = 16;
+pub(crate) const COMMANDS: usize = 16;
 /// Events that can wait for a sink: about two seconds at 1 kHz with all inputs echoed.
 pub const EVENTS: usize = 8_192;
 /// Longest sleep of the thread without input; it then checks the clock.
@@ -202,14 +202,14 @@ impl Estimator {
     /// Sends all commands, or none and returns `None` when too many are waiting. They are executed once
     /// [`EstimatorCounters::executed`] has reached the returned number.
     pub fn command<const N: usize>(&mut self, commands: [PipelineCommand; N]) -> Option<u64> {
-        let fit = self.commands.slots() >= N;
-        if fit {
-            for command in commands {
-                self.sent += u64::from(self.commands.push(command).is_ok());
-            }
+        if self.commands.slots() < N {
+            return None;
+        }
+        for command in commands {
+            self.sent += u64::from(self.commands.push(command).is_ok());
         }
         self.worker.thread().unpark();
-        fit.then_some(self.sent)
+        Some(self.sent)
     }
 
     /// The thread's counters.
@@ -341,6 +341,21 @@ impl<'a> Fanout<'a> {
                 sender.wake();
             }
         }
+    }
+}
+
+#[cfg(test)]
+impl Estimator {
+    /// An estimator that takes commands and executes none, as if its thread hung.
+    pub(crate) fn hung() -> Self {
+        let (commands, command_ring) = RingBuffer::<PipelineCommand>::new(COMMANDS);
+        let worker = Worker::start("hung", move |stop| {
+            while !stop.is_raised() {
+                std::thread::park_timeout(TICK);
+            }
+            drop(command_ring);
+        });
+        Self { commands, sent: 0, counters: Arc::default(), worker: worker.expect("a thread") }
     }
 }
 
