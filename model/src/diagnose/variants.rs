@@ -184,7 +184,7 @@ mod tests {
         assert!(finer.rows.iter().skip(2).step_by(2).zip(&all.rows[1..]).all(|(a, b)| a.drive == b.drive));
         let [before, after] = [all.rows[100], all.rows[101]].map(|row| row.acceleration_m_s2);
         assert_eq!(finer.rows[201].acceleration_m_s2, f64::midpoint(before, after));
-        assert!(finer.rows[1].acceleration_m_s2.is_finite(), "although the first row has none");
+        assert!(finer.rows[1].acceleration_m_s2.is_finite(), "although the first row lacks one");
         let earlier = held.rows.iter().zip(&finer.rows).filter(|(h, f)| h.drive > f.drive).count();
         assert_eq!(earlier, 9, "one added row at each step of the current");
     }

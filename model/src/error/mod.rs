@@ -90,7 +90,7 @@ pub enum Error {
     PhaseRelation {
         /// The requested name.
         name: String,
-        /// What happens if it is integrated.
+        /// The reason why it cannot be integrated.
         why: Option<Box<CannotRun>>,
         /// The drive at which `why` holds, A; `None` for a relation without a drive.
         drive: Option<f64>,

@@ -306,7 +306,7 @@ fn not_a_number(key: String, found: &toml::Value) -> Error {
     ModelFileError::WrongType { key, found: found.to_string(), expected: "a number" }.into()
 }
 
-/// The line of `text`, from 1, that holds its byte `at`.
+/// Number of the line with the byte `at` of `text`, from 1.
 fn line_at(text: &str, at: usize) -> usize {
     1 + text.bytes().take(at).filter(|byte| *byte == b'\n').count()
 }

@@ -1,4 +1,4 @@
-//! What the readers of a bag's files hand on, whatever the storage.
+//! The interface between the readers of a bag's files, one for each storage, and the bag.
 
 /// Description of a topic in a file.
 pub(super) struct TopicInfo {
@@ -19,7 +19,7 @@ pub(super) enum LogTimeFault {
     /// It does not fit into 63 bits.
     #[error("log time {nanos} ns is out of range")]
     Range { nanos: u64 },
-    /// The row of the database has none.
+    /// The database row lacks it.
     #[error("row {row} has no time")]
     Absent { row: i64 },
 }

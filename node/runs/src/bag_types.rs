@@ -1,4 +1,4 @@
-//! What describes a bag that is being written: its storage and other options, its topics, and a message.
+//! Types of a bag that is being written: its storage and other options, its topics, and a message.
 
 use std::path::Path;
 use std::time::Duration;
