@@ -51,7 +51,7 @@ fn a_sound_machine_passes_and_a_taken_port_fails() {
     assert!(found(&all, "model of /mr_damper").1.contains("rp3-cs loads"), "{all:?}");
     let (level, libraries) = found(&all, "DDS libraries");
     assert_eq!(level, "ok", "{libraries}");
-    match mr_damper_node::hardened::EDITS {
+    match mr_damper_node::process::hardened::EDITS {
         Some(edits) => assert!(libraries.contains(edits), "{libraries}"),
         None => assert!(
             ["do not reach clients", "type hash", "crafted packet", "Ctrl-Z", "node/hardened/build"]

@@ -7,11 +7,11 @@ use mr_damper_model::pipeline::{Event, Models, Settings};
 use mr_damper_model::preset;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
-use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::damper_node::DamperNode;
-use mr_damper_node::estimator::EventReceiver;
-use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::player::{PlaybackOptions, Played, Player};
+use mr_damper_node::estimation::estimator::EventReceiver;
+use mr_damper_node::nodes::damper_node::DamperNode;
+use mr_damper_node::settings::config::{Config, RosArgs, Value};
+use mr_damper_node::settings::interrupt::Interrupt;
+use mr_damper_node::streams::player::{PlaybackOptions, Played, Player};
 use mr_damper_runs::{LoadOptions, Map, Mapping, SaveOptions, load, save};
 use std::time::{Duration, Instant};
 

@@ -6,10 +6,10 @@ use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::{Event, Mode, Reasons, Refused, Validity};
 use mr_damper_model::sample::{Channel, Stamp};
 use mr_damper_msgs::{CoilCurrent, Displacement, Force};
-use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::damper_node::DamperNode;
-use mr_damper_node::ros::{Output, Ros};
-use mr_damper_node::wire::header;
+use mr_damper_node::estimation::wire::header;
+use mr_damper_node::nodes::damper_node::DamperNode;
+use mr_damper_node::ros2::participant::{Output, Ros};
+use mr_damper_node::settings::config::{Config, RosArgs, Value};
 use ros2_client::NodeOptions;
 use std::time::{Duration, Instant};
 

@@ -9,12 +9,12 @@ use mr_damper_model::pipeline::{Event, StampedCommand};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::{Run, Stamp, Trace};
 use mr_damper_msgs::{CurrentCommand, Force, ForceEstimate, LimitedBy as OnWire, Message};
-use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::damper_node::DamperNode;
-use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::player::{PlaybackOptions, Played, Player};
-use mr_damper_node::ros::Ros;
-use mr_damper_node::wire::header;
+use mr_damper_node::estimation::wire::header;
+use mr_damper_node::nodes::damper_node::DamperNode;
+use mr_damper_node::ros2::participant::Ros;
+use mr_damper_node::settings::config::{Config, RosArgs, Value};
+use mr_damper_node::settings::interrupt::Interrupt;
+use mr_damper_node::streams::player::{PlaybackOptions, Played, Player};
 use ros2_client::{NodeOptions, Subscription};
 use std::time::{Duration, Instant};
 

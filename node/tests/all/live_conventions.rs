@@ -9,8 +9,8 @@ use mr_damper_msgs::rcl::{
     ListParametersRequest, Parameter, ParameterValue, SetParameters, SetParametersRequest,
 };
 use mr_damper_msgs::{ForceEstimate, ForceResidual};
-use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::damper_node::DamperNode;
+use mr_damper_node::nodes::damper_node::DamperNode;
+use mr_damper_node::settings::config::{Config, RosArgs, Value};
 use std::time::{Duration, Instant};
 
 const NODE: &str = "/mr_damper";

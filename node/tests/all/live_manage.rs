@@ -16,12 +16,12 @@ use mr_damper_msgs::rcl::{
 use mr_damper_msgs::srv::{Reset, SetMode, SetModeRequest};
 use mr_damper_msgs::type_description::{GetTypeDescription, GetTypeDescriptionRequest};
 use mr_damper_msgs::{ForceEstimate, Message, Mode};
-use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::damper_node::DamperNode;
-use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::logging::{self, LogFormat, Outputs};
-use mr_damper_node::player::{PlaybackOptions, Played, Player};
-use mr_damper_node::rosout;
+use mr_damper_node::commands::logging::{self, LogFormat, Outputs};
+use mr_damper_node::nodes::damper_node::DamperNode;
+use mr_damper_node::ros2::rosout;
+use mr_damper_node::settings::config::{Config, RosArgs, Value};
+use mr_damper_node::settings::interrupt::Interrupt;
+use mr_damper_node::streams::player::{PlaybackOptions, Played, Player};
 use std::sync::atomic::Ordering;
 
 const NODE: &str = "/mr_damper";

@@ -8,11 +8,11 @@ use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::{Estimate, Event, Validity};
 use mr_damper_msgs::standard::DiagnosticArray;
 use mr_damper_msgs::{CoilCurrent, Displacement, ForceEstimate};
-use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::damper_node::DamperNode;
-use mr_damper_node::estimator::EventReceiver;
-use mr_damper_node::ros::{Output, Ros};
-use mr_damper_node::wire::header;
+use mr_damper_node::estimation::estimator::EventReceiver;
+use mr_damper_node::estimation::wire::header;
+use mr_damper_node::nodes::damper_node::DamperNode;
+use mr_damper_node::ros2::participant::{Output, Ros};
+use mr_damper_node::settings::config::{Config, RosArgs, Value};
 use ros2_client::{NodeOptions, Subscription};
 use std::time::{Duration, Instant};
 

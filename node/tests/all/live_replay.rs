@@ -12,10 +12,10 @@ use mr_damper_msgs::rosbag2::{
 };
 use mr_damper_msgs::standard::{Clock, Time};
 use mr_damper_msgs::{CoilCurrent, Displacement, Force, Service};
-use mr_damper_node::config::{Config, RosArgs};
-use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::player::{PlaybackOptions, Played, Player};
-use mr_damper_node::ros::{ClientOf, Ros};
+use mr_damper_node::ros2::participant::{ClientOf, Ros};
+use mr_damper_node::settings::config::{Config, RosArgs};
+use mr_damper_node::settings::interrupt::Interrupt;
+use mr_damper_node::streams::player::{PlaybackOptions, Played, Player};
 use ros2_client::{NodeOptions, Subscription};
 use std::time::{Duration, Instant};
 

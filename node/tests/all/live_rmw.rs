@@ -13,12 +13,12 @@ use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::{Drive, Reading, Sample};
 use mr_damper_msgs::standard::{Header, Temperature, Time};
 use mr_damper_msgs::{CoilCurrent, Displacement, Force, ForceEstimate, Message, cdr};
-use mr_damper_node::config::{Config, Damper, RosArgs, Value};
-use mr_damper_node::damper_node::DamperNode;
-use mr_damper_node::fleet::Fleet;
-use mr_damper_node::models;
-use mr_damper_node::sink::zenoh::RmwStats;
-use mr_damper_node::wire;
+use mr_damper_node::estimation::models;
+use mr_damper_node::estimation::wire;
+use mr_damper_node::nodes::damper_node::DamperNode;
+use mr_damper_node::nodes::fleet::Fleet;
+use mr_damper_node::settings::config::{Config, Damper, RosArgs, Value};
+use mr_damper_node::streams::sink::zenoh::RmwStats;
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -162,7 +162,7 @@ fn inputs_by_rmw_zenoh_give_estimates_bit_identical_to_a_replay() {
     let token = tokens(&peer, domain)
         .into_iter()
         .find(|token| token.contains("/MP/%/%corner/mr_damper/%corner%force_estimate/"));
-    let gid = mr_damper_node::rmw::gid(&token.expect("its publisher is seen"));
+    let gid = mr_damper_node::zenoh::rmw::gid(&token.expect("its publisher is seen"));
     for (index, (got, expected)) in came.iter().zip(&expected).enumerate() {
         assert_eq!(got.payload().to_bytes(), expected.as_slice(), "estimate {index}");
         let attachment = got.attachment().expect("each has one").to_bytes();

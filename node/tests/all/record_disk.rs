@@ -7,8 +7,8 @@ use crate::domain::Domain;
 use crate::run_support::*;
 use crate::turn::turn;
 use mr_damper_msgs::Displacement;
-use mr_damper_node::config::{Config, RosArgs};
-use mr_damper_node::ros::{self, Ros};
+use mr_damper_node::ros2::participant::{self, Ros};
+use mr_damper_node::settings::config::{Config, RosArgs};
 use ros2_client::NodeOptions;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ fn play_to(domain: &Domain, mut command: Command) -> (Output, HashMap<i64, Insta
     let config = Config { domain_id: domain.id(), ..Config::default() };
     let mut ros =
         Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
-    let publisher: ros::Output<Displacement> = ros.publish("/displacement").expect("a topic");
+    let publisher: participant::Output<Displacement> = ros.publish("/displacement").expect("a topic");
     let mut child = command.spawn().expect("unshare starts");
     let (begun, mut sent, mut random) = (Instant::now(), HashMap::new(), 1_u64);
     while child.try_wait().expect("a child of ours").is_none() {

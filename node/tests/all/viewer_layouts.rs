@@ -1,7 +1,7 @@
 //! The layouts for PlotJuggler and Foxglove: every plotted line is a field of a message on a topic of the node.
 
 use mr_damper_msgs::MESSAGES;
-use mr_damper_node::sink::zenoh::Topic;
+use mr_damper_node::streams::sink::zenoh::Topic;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;

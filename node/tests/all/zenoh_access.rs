@@ -6,7 +6,7 @@ use crate::serve_support::Page;
 use crate::turn::turn;
 use crate::zenoh_support::keys::{Keys, connected, with_password};
 use crate::zenoh_support::*;
-use mr_damper_node::sink::zenoh::{Link, ZenohConfig};
+use mr_damper_node::streams::sink::zenoh::{Link, ZenohConfig};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};

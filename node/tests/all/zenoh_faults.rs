@@ -4,7 +4,7 @@
 use crate::turn::turn;
 use crate::zenoh_support::sessions::router;
 use crate::zenoh_support::*;
-use mr_damper_node::sink::zenoh::{Damper, Link, Mirror, MirrorState, ZenohConfig, ZenohError};
+use mr_damper_node::streams::sink::zenoh::{Damper, Link, Mirror, MirrorState, ZenohConfig, ZenohError};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
@@ -191,7 +191,7 @@ fn said_by_a_session(endpoint: &str) -> Vec<u8> {
 fn peers_that_send_partial_frames_or_invalid_bytes_harm_nobody() {
     const TIMES: u64 = 300;
     let _turn = turn(module_path!());
-    mr_damper_node::panics::watch();
+    mr_damper_node::process::panics::watch();
     let mut rig = Rig::start();
     let healthy = session(&rig.endpoint, &[]);
     let inbox = subscribe(&healthy, "mr_damper/front_left/state/force_estimate");
@@ -224,7 +224,7 @@ fn peers_that_send_partial_frames_or_invalid_bytes_harm_nobody() {
     }
     wait_until("all samples at the healthy consumer", || inbox.len() as u64 == TIMES);
     assert!(rig.mirror.is_alive());
-    assert_eq!(mr_damper_node::panics::of_middleware(), None);
+    assert_eq!(mr_damper_node::process::panics::of_middleware(), None);
     // The next client is served.
     let next = session(&rig.endpoint, &[]);
     assert_eq!(ask(&next, "status")["ring_dropped"], 0);

@@ -5,7 +5,7 @@
 
 use crate::turn::turn;
 use crate::zenoh_support::*;
-use mr_damper_node::sink::zenoh::Encoding;
+use mr_damper_node::streams::sink::zenoh::Encoding;
 use std::path::Path;
 use std::process::{Command, Stdio};
 

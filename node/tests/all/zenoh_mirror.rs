@@ -4,7 +4,7 @@
 use crate::turn::turn;
 use crate::zenoh_support::*;
 use mr_damper_msgs::{ForceEstimate, cdr};
-use mr_damper_node::sink::zenoh::{Encoding, Topic};
+use mr_damper_node::streams::sink::zenoh::{Encoding, Topic};
 use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -187,7 +187,7 @@ fn meta_describes_each_topic() {
     assert!(meta["not_finite"].as_str().is_some_and(|text| text.contains("null")));
     rig.mirror
         .renamer()
-        .rename(mr_damper_node::sink::zenoh::ModelNames { free: "mine.toml".into(), ..names() });
+        .rename(mr_damper_node::streams::sink::zenoh::ModelNames { free: "mine.toml".into(), ..names() });
     assert_eq!(ask(&session, "meta")["models"]["free"], "mine.toml");
 }
 

@@ -4,7 +4,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use mr_damper_fuzz::{check_config, file};
-use mr_damper_node::config::RosArgs;
+use mr_damper_node::settings::config::RosArgs;
 
 fuzz_target!(|bytes: &[u8]| {
     let path = file("params.yaml", bytes);

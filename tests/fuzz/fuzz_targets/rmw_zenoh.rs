@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mr_damper_node::rmw::{Attachment, Publisher};
+use mr_damper_node::zenoh::rmw::{Attachment, Publisher};
 
 fuzz_target!(|bytes: &[u8]| {
     match Attachment::from_bytes(bytes) {

@@ -4,7 +4,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use mr_damper_fuzz::{check_config, scratch};
-use mr_damper_node::config::RosArgs;
+use mr_damper_node::settings::config::RosArgs;
 
 fuzz_target!(|text: &str| {
     let mut before = "";

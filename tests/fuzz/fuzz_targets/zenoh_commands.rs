@@ -3,7 +3,7 @@
 
 use ciborium::Value;
 use libfuzzer_sys::fuzz_target;
-use mr_damper_node::source::zenoh::{CommandCheck, CommandKind, CommandRefusal, ZenohCommand};
+use mr_damper_node::streams::source::zenoh::{CommandCheck, CommandKind, CommandRefusal, ZenohCommand};
 
 /// The node's time, ns since 1970.
 const NOW: i64 = 1_800_000_000_000_000_000;

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mr_damper_node::sink::zenoh::TimeRange;
+use mr_damper_node::streams::sink::zenoh::TimeRange;
 
 /// The node's time, ns since 1970.
 const NOW: i64 = 1_800_000_000_000_000_000;

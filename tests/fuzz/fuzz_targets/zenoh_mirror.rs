@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mr_damper_node::watch::zenoh_watcher::decode;
+use mr_damper_node::views::watch::zenoh_watcher::decode;
 use mr_damper_views::watch::{DamperRegistry, DataOrigin, TOPICS, json};
 
 fuzz_target!(|bytes: &[u8]| {

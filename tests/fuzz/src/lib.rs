@@ -4,7 +4,7 @@ use cap::Cap;
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings, Validity};
 use mr_damper_model::sample::{DriveKind, Run, Sample, Trace};
-use mr_damper_node::config::{Config, Damper, RosArgs, TABLE, Value, dampers};
+use mr_damper_node::settings::config::{Config, Damper, RosArgs, TABLE, Value, dampers};
 use mr_damper_runs::{LoadOptions, Loaded, RunError, SaveOptions, load, save};
 use std::alloc::System;
 use std::path::{Path, PathBuf};
@@ -176,7 +176,7 @@ pub fn check_config(file: Option<&Path>, args: &RosArgs) {
     for Damper { config, args } in dampers {
         assert!(args.namespace().starts_with('/'), "{}", args.namespace());
         let path = self::file("again.toml", toml_of(&config).as_bytes());
-        let again = mr_damper_node::config::dampers(Some(&path), &RosArgs::default(), &[]);
+        let again = mr_damper_node::settings::config::dampers(Some(&path), &RosArgs::default(), &[]);
         let again = again.unwrap_or_else(|error| panic!("our own file: {error}"));
         let first = &again.first().expect("a damper").config;
         assert_eq!(Config { dampers: vec![], ..first.clone() }, Config { dampers: vec![], ..config });

@@ -4,7 +4,7 @@
 //! JSON: the numbers of `topics` and `endpoints` that it created, and `stuck`: whether a thread has still not ended `PATIENCE` after
 //! the end.
 
-use mr_damper_node::security::Enclave;
+use mr_damper_node::ros2::security::Enclave;
 use rustdds::{DomainParticipant, DomainParticipantBuilder, QosPolicies, QosPolicyBuilder, Topic, TopicKind};
 use serde_json::json;
 use std::sync::atomic::{AtomicU64, Ordering};

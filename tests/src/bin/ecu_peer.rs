@@ -19,7 +19,7 @@
 use futures::stream::{BoxStream, SelectAll, StreamExt};
 use mr_damper_msgs::standard::DiagnosticArray;
 use mr_damper_msgs::{CoilCurrent, CurrentCommand, Displacement, ForceEstimate, Message};
-use mr_damper_node::wire::header;
+use mr_damper_node::estimation::wire::header;
 use ros2_client::qos::History;
 use ros2_client::{
     Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile, Subscription,

@@ -153,7 +153,8 @@ fn send(topics: &Topics, t: f64, stamp_ns: i64, records: &mut Records) -> Outcom
     let displacement = 0.008 * (omega * t).sin();
     let current = if t % 2.0 < 1.0 { 0.4 } else { 0.8 };
     let force = (300.0 + 400.0 * current) * (20.0 * 0.008 * omega * (omega * t).cos()).tanh();
-    let header = mr_damper_node::wire::header(mr_damper_model::sample::Stamp::from_nanos(stamp_ns), "");
+    let header =
+        mr_damper_node::estimation::wire::header(mr_damper_model::sample::Stamp::from_nanos(stamp_ns), "");
     topics.current.publish(CoilCurrent { header: header.clone(), current, variance: 0.0 })?;
     topics.force.publish(Force { header: header.clone(), force, variance: 0.0 })?;
     topics.displacement.publish(Displacement { header, displacement, variance: 0.0 })?;

@@ -8,8 +8,8 @@ use crate::interop_support::{Lab, PRESET};
 use mr_damper_model::pipeline::{Estimate, Event, Pipeline};
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Metre, Newton};
-use mr_damper_node::config::{Config, Value as Setting};
-use mr_damper_node::models;
+use mr_damper_node::estimation::models;
+use mr_damper_node::settings::config::{Config, Value as Setting};
 
 /// Longest time from the end of a fault to the first VALID estimate, s.
 const BACK_S: f64 = 1.0;

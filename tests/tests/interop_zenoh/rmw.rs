@@ -9,8 +9,8 @@ use crate::interop_support::{PRESET, ZENOH_ENDPOINT};
 use mr_damper_model::pipeline::{Estimate, Event, Pipeline};
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Metre, Newton};
-use mr_damper_node::config::Config;
-use mr_damper_node::models;
+use mr_damper_node::estimation::models;
+use mr_damper_node::settings::config::Config;
 use serde_json::Value;
 
 #[test]

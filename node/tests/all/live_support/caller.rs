@@ -3,8 +3,8 @@
 use futures::executor::block_on;
 use futures::future::{Either, select};
 use mr_damper_msgs::Service;
-use mr_damper_node::config::{Config, RosArgs};
-use mr_damper_node::ros::{ClientOf, Ros, RosMessage};
+use mr_damper_node::ros2::participant::{ClientOf, Ros, RosMessage};
+use mr_damper_node::settings::config::{Config, RosArgs};
 use ros2_client::NodeOptions;
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};

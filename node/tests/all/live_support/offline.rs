@@ -2,8 +2,8 @@
 
 use mr_damper_model::pipeline::{Event, Pipeline};
 use mr_damper_model::sample::Run;
-use mr_damper_node::config::Config;
-use mr_damper_node::models;
+use mr_damper_node::estimation::models;
+use mr_damper_node::settings::config::Config;
 
 /// Steps `run` through the same pipeline without ROS, and collects what `of` takes from its events.
 pub(crate) fn offline<T>(config: &Config, run: &Run, of: impl Fn(Event) -> Option<T>) -> Vec<T> {

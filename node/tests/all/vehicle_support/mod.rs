@@ -4,9 +4,9 @@
 
 use mr_damper_base::clock::system_now;
 use mr_damper_msgs::{CoilCurrent, Displacement, ForceEstimate};
-use mr_damper_node::config::{Config, RosArgs};
-use mr_damper_node::ros::{Output, Ros};
-use mr_damper_node::wire::header;
+use mr_damper_node::estimation::wire::header;
+use mr_damper_node::ros2::participant::{Output, Ros};
+use mr_damper_node::settings::config::{Config, RosArgs};
 use ros2_client::{NodeOptions, Subscription};
 use std::collections::BTreeSet;
 use std::path::Path;

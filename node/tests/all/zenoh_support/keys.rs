@@ -1,7 +1,7 @@
 //! Certificates of a test authority, the ready configurations with their paths, and sessions that use them.
 
 use super::sessions::session;
-use mr_damper_node::sink::zenoh::ZenohConfig;
+use mr_damper_node::streams::sink::zenoh::ZenohConfig;
 use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
 use std::path::{Path, PathBuf};
 use std::time::Duration;

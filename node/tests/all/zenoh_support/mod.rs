@@ -13,7 +13,7 @@ use mr_damper_model::pipeline::{
 };
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
-use mr_damper_node::sink::zenoh::{Damper, Link, Mirror, ModelNames, SessionMode, ZenohConfig};
+use mr_damper_node::streams::sink::zenoh::{Damper, Link, Mirror, ModelNames, SessionMode, ZenohConfig};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, Thread};

@@ -1,0 +1,232 @@
+//! The command line.
+
+use crate::commands::context::CliContext;
+use crate::commands::logging::{self, LogFormat, Outputs};
+use crate::commands::{
+    close, compare, convert, demo, doctor, evaluate, fis, identify, inverse, node, presets, record, replay,
+    serve, simulate, top,
+};
+use crate::settings::config::RosArgs;
+use crate::settings::error::NodeError;
+use crate::settings::interrupt::Interrupt;
+use crate::streams::player;
+use clap::{Parser, Subcommand};
+use mr_damper_base::shown;
+use mr_damper_views::ServeError;
+use std::process::ExitCode;
+
+/// Force of magneto-rheological dampers: a virtual sensor on ROS 2, mirrored to Zenoh.
+///
+/// Without a command, the demo runs. Exit codes: 0 done, 1 the work failed, 2 wrong usage.
+#[derive(Debug, Parser)]
+#[command(name = "mr-damper", version = crate::process::hardened::version(), max_term_width = 110)]
+pub struct Cli {
+    /// Log only warnings and errors, and show no progress.
+    #[arg(long, short, global = true)]
+    quiet: bool,
+    /// Format of log lines (written to stderr).
+    #[arg(long, global = true, value_enum, default_value_t)]
+    log_format: LogFormat,
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Demo(demo::Args),
+    Node(node::Args),
+    Replay(replay::Args),
+    Record(record::Args),
+    Convert(convert::Args),
+    Simulate(simulate::Args),
+    Identify(identify::Args),
+    Compare(compare::Args),
+    Evaluate(evaluate::Args),
+    Close(close::Args),
+    Inverse(inverse::Args),
+    Fis(fis::Args),
+    Presets(presets::Args),
+    Doctor(doctor::Args),
+    Serve(serve::Args),
+    Top(top::Args),
+}
+
+impl Command {
+    /// Name of the command's node, for remapping rules that apply to one node only.
+    const fn node_name(&self) -> &'static str {
+        match self {
+            Self::Replay(_) => player::NODE,
+            Self::Record(_) => record::NODE,
+            Self::Serve(_) => serve::NODE,
+            Self::Top(_) => top::NODE,
+            Self::Close(_) => close::live::NODE,
+            _ => "mr_damper",
+        }
+    }
+
+    /// Refuses ROS arguments that the command would ignore.
+    fn check_ros_args(&self, given: &RosArgs) -> Result<(), NodeError> {
+        let offline = match self {
+            Self::Convert(_) => "convert",
+            Self::Simulate(_) => "simulate",
+            Self::Identify(_) => "identify",
+            Self::Compare(_) => "compare",
+            Self::Evaluate(_) => "evaluate",
+            Self::Close(args) if !args.live.live => "close",
+            Self::Inverse(_) => "inverse",
+            Self::Fis(_) => "fis",
+            Self::Presets(_) => "presets",
+            // These commands start nodes with names but without parameters.
+            Self::Replay(_) => return self.refuse_parameters("replay", given),
+            Self::Record(_) => return self.refuse_parameters("record", given),
+            Self::Serve(_) => return self.refuse_parameters("serve", given),
+            Self::Top(_) => return self.refuse_parameters("top", given),
+            Self::Demo(_) | Self::Node(_) | Self::Doctor(_) | Self::Close(_) => return Ok(()),
+        };
+        given.refuse_for_no_node(offline)
+    }
+
+    fn refuse_parameters(&self, command: &str, given: &RosArgs) -> Result<(), NodeError> {
+        given.clone().for_node(self.node_name()).refuse_parameters(command)
+    }
+}
+
+/// Runs the command line `arguments` (without the program's name).
+#[must_use]
+pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
+    let (plain, ros_args) = match RosArgs::split(arguments) {
+        Ok(split) => split,
+        Err(error) => {
+            eprintln!("{}", shown::error(&error));
+            return ExitCode::from(2);
+        }
+    };
+    let cli = match Cli::try_parse_from(std::iter::once("mr-damper".to_owned()).chain(plain)) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version count as success; clap sets the exit code.
+            let _ = error.print();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    let level = match (&ros_args.log_level, cli.quiet) {
+        (Some(level), _) => level.as_str(),
+        (None, true) => "warn",
+        (None, false) => "info",
+    };
+    let outputs = Outputs { stderr: ros_args.stdout_logs, rosout: ros_args.rosout_logs };
+    logging::start(cli.log_format, level, outputs);
+    match run(cli, ros_args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{}", shown::error(&error));
+            let cause = match &error {
+                NodeError::Damper { why, .. } => why,
+                other => other,
+            };
+            match cause {
+                NodeError::Parameter { .. }
+                | NodeError::UnknownParameter { .. }
+                | NodeError::RosArgs(_)
+                | NodeError::Usage(_)
+                | NodeError::Serve(
+                    ServeError::PageBeyondLoopback { .. } | ServeError::WorkshopBeyondLoopback { .. },
+                ) => ExitCode::from(2),
+                _ => ExitCode::FAILURE,
+            }
+        }
+    }
+}
+
+fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
+    let command = cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default()));
+    command.check_ros_args(&ros_args)?;
+    let ros_args = ros_args.for_node(command.node_name());
+    let context = CliContext { interrupt: Interrupt::install()?, quiet: cli.quiet, ros_args };
+    match command {
+        Command::Demo(args) => demo::run(&args, &context),
+        Command::Node(args) => node::run(&args, &context),
+        Command::Replay(args) => replay::run(&args, &context),
+        Command::Record(args) => record::run(&args, &context),
+        Command::Convert(args) => convert::run(&args, &context),
+        Command::Simulate(args) => simulate::run(&args, &context),
+        Command::Identify(args) => identify::run(&args, &context),
+        Command::Compare(args) => compare::run(&args, &context),
+        Command::Evaluate(args) => evaluate::run(&args, &context),
+        Command::Close(args) => close::run(&args, &context),
+        Command::Inverse(args) => inverse::run(&args, &context),
+        Command::Fis(args) => fis::run(&args, &context),
+        Command::Doctor(args) => doctor::run(&args, &context),
+        Command::Presets(args) => presets::run(&args),
+        Command::Serve(args) => serve::run(&args, &context),
+        Command::Top(args) => top::run(&args, &context),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    /// True for commands whose help names a run as input (a single value or a list).
+    fn reads_runs(command: &clap::Command) -> bool {
+        command.get_arguments().any(|argument| {
+            let names = argument.get_value_names().unwrap_or_default();
+            names.iter().any(|name| ["RUN", "IN", "RUNS_DIR", "RUN_OR_CSV"].contains(&name.as_str()))
+        })
+    }
+
+    #[test]
+    fn every_command_that_reads_runs_takes_a_map_and_its_help_shows_one() {
+        let mut cli = Cli::command();
+        cli.build();
+        let mut readers = Vec::new();
+        for command in cli.get_subcommands_mut() {
+            let flag = |name: &str| command.get_arguments().any(|argument| argument.get_long() == Some(name));
+            let (map, file) = (flag("map"), flag("map-file"));
+            assert_eq!(map, reads_runs(command), "{}", command.get_name());
+            assert_eq!(map, file, "{}", command.get_name());
+            if map {
+                let help = command.render_long_help().to_string();
+                assert!(help.contains("--map displacement=/fl/susp/pos"), "{help}");
+                readers.push(command.get_name().to_owned());
+            }
+        }
+        assert_eq!(readers, ["replay", "convert", "identify", "compare", "evaluate", "close", "inverse"]);
+    }
+
+    #[test]
+    fn no_command_ignores_ros_arguments_that_it_does_not_use() {
+        let outcome = |line: &str| {
+            let words = line.split_whitespace().map(str::to_owned);
+            let (plain, ros_args) = RosArgs::split(words).expect("ROS arguments");
+            let cli = Cli::try_parse_from(std::iter::once("mr-damper".to_owned()).chain(plain)).expect(line);
+            cli.command.expect("a command").check_ros_args(&ros_args).map_err(|error| error.to_string())
+        };
+        for command in [
+            "convert a b",
+            "simulate --list",
+            "identify --model arx --out m.toml a",
+            "compare runs",
+            "evaluate m.toml a",
+            "close --base arx --estimate a --confirm b --out m.toml",
+            "inverse m.toml --force a",
+            "fis a.fis --rate 512 --out models",
+            "presets",
+        ] {
+            for ros in ["-r displacement:=/x", "-r __ns:=/a", "-p coast_s:=1", "--enclave /a"] {
+                let message = outcome(&format!("{command} --ros-args {ros}")).expect_err(command);
+                assert!(message.contains("starts no ROS node"), "{message}");
+            }
+            assert_eq!(outcome(&format!("{command} --ros-args --log-level debug")), Ok(()));
+        }
+        for command in ["replay a", "record --out b", "serve", "top"] {
+            let message = outcome(&format!("{command} --ros-args -p use_sim_time:=true")).expect_err(command);
+            assert!(message.contains("has no parameters"), "{message}");
+            assert_eq!(outcome(&format!("{command} --ros-args -r __ns:=/a -p other:x:=1")), Ok(()));
+        }
+        for command in ["node", "demo", "doctor", "close --live"] {
+            assert_eq!(outcome(&format!("{command} --ros-args -r __ns:=/a -p coast_s:=1")), Ok(()));
+        }
+    }
+}

@@ -1,0 +1,247 @@
+//! `mr-damper close`: finds the physical effect that a model lacks, adds it, and reports the error before and after.
+
+mod base;
+pub mod live;
+mod roles;
+mod write;
+
+use crate::commands::conditioning::ConditioningArgs;
+use crate::commands::context::CliContext;
+use crate::commands::number::newtons;
+use crate::commands::output::OutputArgs;
+use crate::commands::progress::Working;
+use crate::commands::run_args::RunArgs;
+use crate::settings::error::NodeError;
+use base::Base;
+use clap::builder::PossibleValuesParser;
+use live::LiveArgs;
+use mr_damper_model::diagnose::{self, EffectSet, Runs, Settings};
+use mr_damper_model::effect::Effect;
+use mr_damper_model::identify::{Dataset, Watch};
+use mr_damper_model::model_file::Role;
+use mr_damper_reports::diagnosis::json::FailureDocument;
+use mr_damper_reports::diagnosis::words::stage_in_words;
+use roles::Given;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// The usage line of `--help`: recorded runs, or a running node.
+const USAGE: &str = "\
+mr-damper close --base <MODEL> --estimate <RUN>... --confirm <RUN>... --out <MODEL+.toml> [OPTIONS]
+       mr-damper close --live [--history <S>] [--json [<FILE>]] [--ros-args ...]";
+
+/// The end of `--help`: the sets of runs, and examples.
+const EXAMPLES: &str = "\
+The sets of runs (whole runs; no file may be used twice):
+  --estimate    training runs: effects are searched on these. Excite the effects that you suspect: several
+                currents that step while the damper moves, small and large strokes, slow and fast motion
+  --confirm     validation runs: an effect must reduce the error on every one of these, or it is refused
+  --test        test runs: read once, at the end, for the error before and after. Without them no proof
+  --replicates  two or more runs of one pattern: their differences are noise; no effect is searched below it
+  --reference   healthy runs, one for each run in the order estimate, confirm, test, with the same excitation:
+                only the changes since then are diagnosed, even if the base model fits poorly
+
+Examples:
+  mr-damper close --base damper.toml --estimate a.csv b.csv --confirm c.csv --test d.csv \\
+                  --out damper+.toml --report close.html
+      adds the effects that the model in use lacks
+  mr-damper close --base fuzzy-tanh --estimate a.csv b.csv --confirm c.csv --test d.csv --out new.toml
+      first identifies the base on a.csv and b.csv (with --reference: on the healthy runs)
+  mr-damper close --base damper.toml --estimate worn-1.csv --confirm worn-2.csv --test worn-3.csv \\
+                  --reference new-1.csv new-2.csv new-3.csv --out damper+.toml
+      finds what wear has changed
+  mr-damper close --live --history 60 --ros-args -r __ns:=/front_left
+      the node in that namespace diagnoses the model that it runs, on its last 60 s of input";
+
+/// Find the physical effect that a model lacks, add it to the model, and report the error before and after.
+///
+/// The base model simulates the training runs (--estimate) from displacement and drive. The residual is compared with a
+/// library of effects (coil lag, friction, a spring in series, ...). An effect is accepted if it is significant, its
+/// parameters are in their physical range, and it reduces the error on every validation run (--confirm); at most three
+/// effects are accepted. The test runs (--test) are read once, at the end. If no effect is found, no model file is
+/// written; the exit code is still 0.
+///
+/// With --live, a running node does this for its own model, on its input history.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES, override_usage = USAGE)]
+pub struct Args {
+    /// Output files.
+    #[command(flatten)]
+    pub output: OutputArgs,
+    /// Base model and recorded runs; `None` with --live.
+    #[command(flatten)]
+    pub recorded: Option<RecordedArgs>,
+    /// Options for a running node.
+    #[command(flatten)]
+    pub live: LiveArgs,
+}
+
+/// Group of all arguments that conflict with `--live`. clap makes a group with the struct's name, but leaves it empty if
+/// another struct is flattened into it, so each argument names the group itself.
+const GROUP: &str = "RecordedArgs";
+
+/// Arguments for a base model and recorded runs.
+#[derive(Debug, clap::Args)]
+pub struct RecordedArgs {
+    /// Model file, preset, or name of a model (fuzzy-tanh, kwok, ...). A named model is first identified, on the healthy
+    /// runs if --reference is given, else on the training runs.
+    #[arg(long, group = GROUP, value_name = "MODEL", required = false, required_unless_present = "live")]
+    pub base: String,
+    /// Training runs, on which effects are searched: CSV files, rosbag2 directories, .mcap files.
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1.., required_unless_present = "live")]
+    pub estimate: Vec<PathBuf>,
+    /// Validation runs: an effect must reduce the error on every one of them; at least one.
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
+    pub confirm: Vec<PathBuf>,
+    /// Test runs, read once at the end for the error before and after.
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
+    pub test: Vec<PathBuf>,
+    /// Healthy runs with the same excitation, one for each run in the order estimate, confirm, test.
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
+    pub reference: Vec<PathBuf>,
+    /// Runs of one pattern, from which the noise floor is computed; at least two.
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
+    pub replicates: Vec<PathBuf>,
+    /// Noise floor as a root mean square in newtons, if you know it.
+    #[arg(long, group = GROUP, value_name = "N", allow_hyphen_values = true, value_parser = newtons)]
+    pub noise_floor: Option<f64>,
+    /// Minimum length of the blocks of the significance tests, s [default: 3]. Blocks shorter than 3 s give more false
+    /// positives: use them only if the data are too short for 3 s. On test runs the length follows from the data, and this
+    /// option can only make it longer.
+    #[arg(long, group = GROUP, value_name = "S")]
+    pub block_s: Option<f64>,
+    /// Ids of the effects to search for (coil_lag, friction, ...), if you know which ones your damper can have [default: the
+    /// whole library].
+    #[arg(long, group = GROUP, value_name = "ID", num_args = 1.., value_delimiter = ',', value_parser = PossibleValuesParser::new(Effect::ids()))]
+    pub effects: Vec<String>,
+    /// Model file to write.
+    #[arg(long, group = GROUP, value_name = "MODEL+.toml", required = false, required_unless_present = "live")]
+    pub out: PathBuf,
+    /// Use the form without the drive, if the base is the name of a model.
+    #[arg(long, group = GROUP)]
+    pub passive: bool,
+    /// Random starting points, if the base is the name of a model [default: 25].
+    #[arg(long, group = GROUP, value_name = "N")]
+    pub restarts: Option<u32>,
+    /// Seed of all random numbers.
+    #[arg(long, group = GROUP, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// How runs become rows, if the base is the name of a model; a model file already contains filter and derivative.
+    #[command(flatten)]
+    pub conditioning: ConditioningArgs,
+    /// How runs are read.
+    #[command(flatten)]
+    pub load: RunArgs,
+}
+
+/// Runs the diagnosis and writes its results.
+///
+/// # Errors
+/// With --live, when the node does not answer, rejects the goal or fails. Without it, when the runs or the base do not load
+/// or do not fit together, a run is given twice, a test run was used for the base, or a file cannot be written.
+/// [`NodeError::Interrupted`]; then nothing is written. If the diagnosis is refused, the JSON (`--json`) is the sentence with
+/// the code and the fields of the reason, and nothing else is written.
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    let done = match &args.recorded {
+        Some(recorded) => on_runs(recorded, &args.output, context),
+        None => live::run(&args.live, &args.output, context),
+    };
+    if let Err(error) = &done
+        && error.reason().is_some()
+    {
+        args.output.json_only(&FailureDocument::new(error.to_string(), error.reason()))?;
+    }
+    done
+}
+
+fn on_runs(args: &RecordedArgs, output: &OutputArgs, context: &CliContext) -> Result<(), NodeError> {
+    let started = Instant::now();
+    roles::check_counts(args)?;
+    write::check_targets(args, output)?;
+    let base = Base::of(args)?;
+    let working = Working::new(context.quiet);
+    let given = roles::load(args, &base, context, &working)?;
+    if args.test.is_empty() {
+        tracing::warn!(
+            "there are no test runs, so no effect that is found will be proved. Give runs that were not used before with \
+             --test"
+        );
+    }
+    let base = base.identified(&given, args, context, &working)?;
+    let data =
+        given.iter().map(|given| given.rows(&base.model, args, context)).collect::<Result<Vec<_>, _>>()?;
+    let of = |role: Role| -> Vec<Dataset> {
+        given
+            .iter()
+            .zip(&data)
+            .filter(|(given, _)| given.role == role)
+            .map(|(_, data)| data.clone())
+            .collect()
+    };
+    let [estimate, confirm, test, reference, replicates] =
+        [Role::Estimate, Role::Confirm, Role::Test, Role::Reference, Role::Replicate].map(of);
+    drop(data);
+    let runs = Runs {
+        estimate: &estimate,
+        confirm: &confirm,
+        test: &test,
+        reference: &reference,
+        replicates: &replicates,
+    };
+    let result = close(&base, &runs, args, context, &working)?;
+    drop(working);
+    let done = write::Done { result, base, runs, given: &given, seconds: started.elapsed().as_secs_f64() };
+    write::all(args, output, &done, context)
+}
+
+fn close(
+    base: &base::Identified,
+    runs: &Runs,
+    args: &RecordedArgs,
+    context: &CliContext,
+    working: &Working,
+) -> Result<diagnose::DiagnosisResult, NodeError> {
+    let effects = if args.effects.is_empty() { EffectSet::ALL } else { EffectSet::only(&args.effects)? };
+    let settings = Settings {
+        effects,
+        noise_floor_n: args.noise_floor,
+        block_s: args.block_s,
+        seed: args.seed,
+        ..Settings::default()
+    };
+    if settings.training_block_s() < Settings::DEFAULT_BLOCK_S {
+        tracing::warn!(
+            "block length {} s is below the {} s that was validated against false positives; confirm the result on another \
+             run",
+            settings.training_block_s(),
+            Settings::DEFAULT_BLOCK_S
+        );
+    }
+    let progress = |progress| working.progress(progress);
+    let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
+    diagnose::close(&base.model, runs, &settings, &watch, &|stage| working.stage(&stage_in_words(stage)))
+        .map_err(interrupted)
+}
+
+/// Converts an error of the model crate; cancelled work becomes [`NodeError::Interrupted`].
+fn interrupted(error: mr_damper_model::Error) -> NodeError {
+    match error {
+        mr_damper_model::Error::Cancelled => NodeError::Interrupted,
+        error => error.into(),
+    }
+}
+
+impl Given {
+    /// The run as rows, with the conditioning of `model`.
+    fn rows(
+        &self,
+        model: &mr_damper_model::model::Model,
+        args: &RecordedArgs,
+        context: &CliContext,
+    ) -> Result<Dataset, NodeError> {
+        if context.interrupt.is_raised() {
+            return Err(NodeError::Interrupted);
+        }
+        Ok(Dataset::from_run(&self.run, &model.conditioning, &args.conditioning.dataset())?)
+    }
+}

@@ -1,0 +1,171 @@
+//! The base model of a diagnosis: a model file, a preset, or a named model that is identified first.
+
+use super::roles::Given;
+use super::{RecordedArgs, interrupted};
+use crate::commands::conditioning::{FilterArg, VelocityArg};
+use crate::commands::context::CliContext;
+use crate::commands::progress::Working;
+use crate::estimation::models;
+use crate::settings::error::NodeError;
+use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch, identify};
+use mr_damper_model::model::Model;
+use mr_damper_model::model_file::{Role, TrainingRun};
+use mr_damper_model::sample::{DriveKind, Run};
+use std::path::Path;
+
+/// Maximum number of rows in the final fit of a base that is identified here. The diagnosis refits the base anyway.
+const MOST_ROWS: usize = 30_000;
+
+/// The base that was asked for.
+pub(super) enum Base {
+    /// An existing model.
+    Model(Box<Identified>),
+    /// A model that is first identified on the training or reference runs.
+    Name(ModelSpec),
+}
+
+/// A base model that is ready to use.
+pub(super) struct Identified {
+    /// The model.
+    pub(super) model: Model,
+    /// Its origin, for messages and the report.
+    pub(super) source: String,
+    /// Runs from which it was identified before this diagnosis.
+    pub(super) runs: Vec<TrainingRun>,
+    /// Number of restarts in its identification by this command; 0 for an existing model.
+    pub(super) restarts: u32,
+}
+
+impl Base {
+    /// The base that `args` ask for.
+    ///
+    /// # Errors
+    /// When the file, preset or model does not exist, or a flag is given that does not apply to an existing model.
+    pub(super) fn of(args: &RecordedArgs) -> Result<Self, NodeError> {
+        let names: Vec<&str> = Structure::all().into_iter().map(Structure::name).collect();
+        if names.contains(&args.base.as_str()) {
+            let form = if args.passive { Form::Passive } else { Form::SemiActive };
+            return Ok(Self::Name(ModelSpec::named(&args.base, form)?));
+        }
+        let path = Path::new(&args.base);
+        let file = path.exists() || path.extension().is_some() || args.base.starts_with("thesis/");
+        if !file {
+            return Err(NodeError::Failed(format!(
+                "--base {}: there is no such file and no such model. Models are {}; `mr-damper presets` lists the presets",
+                args.base,
+                names.join(", ")
+            )));
+        }
+        if let Some(flag) = superfluous(args) {
+            return Err(NodeError::Usage(format!(
+                "{flag} cannot be combined with --base {}: an existing model holds its own form, filter and derivative. \
+                 Leave {flag} out, or name a model to identify (--base fuzzy-tanh)",
+                args.base
+            )));
+        }
+        let (model, runs) = if path.exists() {
+            let file = models::load_file(path)?;
+            (file.model, file.provenance.runs)
+        } else {
+            (models::load(&args.base)?, Vec::new())
+        };
+        Ok(Self::Model(Box::new(Identified { model, source: args.base.clone(), runs, restarts: 0 })))
+    }
+
+    /// The drive that the base needs, if it is known before the identification.
+    pub(super) fn drive(&self) -> Option<DriveKind> {
+        match self {
+            Self::Model(base) => base.model.force.drive(),
+            Self::Name(_) => None,
+        }
+    }
+
+    /// True if the runs must contain a drive.
+    pub(super) fn needs_drive(&self) -> bool {
+        match self {
+            Self::Model(base) => base.model.force.drive().is_some(),
+            Self::Name(spec) => spec.needs_drive(),
+        }
+    }
+
+    /// Refuses a test run from which the base was identified, and warns about such a validation run.
+    ///
+    /// # Errors
+    /// [`NodeError::File`] with the run.
+    pub(super) fn check_unknown(&self, given: &Given) -> Result<(), NodeError> {
+        let Self::Model(base) = self else { return Ok(()) };
+        let known = base.runs.iter().any(|run| run.sha256 == given.sha256);
+        match given.role {
+            Role::Test if known => Err(NodeError::File {
+                path: given.path.clone(),
+                message: format!(
+                    "given with --test, but {} was made with this very run (SHA-256 {}...): a test run must not have been \
+                     used before. Give another run, or another base",
+                    base.source,
+                    &given.sha256[..12]
+                ),
+            }),
+            Role::Confirm if known => {
+                tracing::warn!(
+                    run = %given.path.display(),
+                    "the base was made with this validation run, which validates less than a new run would"
+                );
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The base model. A named model is identified here, on the reference runs if there are any, else on the training runs.
+    ///
+    /// # Errors
+    /// When the model cannot be identified from these runs; [`NodeError::Interrupted`].
+    pub(super) fn identified(
+        self,
+        given: &[Given],
+        args: &RecordedArgs,
+        context: &CliContext,
+        working: &Working,
+    ) -> Result<Identified, NodeError> {
+        let spec = match self {
+            Self::Model(base) => return Ok(*base),
+            Self::Name(spec) => spec,
+        };
+        // Reference runs show how the healthy damper behaves.
+        let (role, whose) = match args.reference.is_empty() {
+            true => (Role::Estimate, "estimate"),
+            false => (Role::Reference, "reference"),
+        };
+        let runs: Vec<Run> =
+            given.iter().filter(|given| given.role == role).map(|given| given.run.clone()).collect();
+        let options = Options {
+            conditioning: args.conditioning.conditioning(FilterArg::Output, VelocityArg::ThreePoint)?,
+            // A delayed derivative could absorb a lag of the damper.
+            choose_velocity: false,
+            dataset: args.conditioning.dataset(),
+            most_rows: Some(MOST_ROWS),
+            restarts: args.restarts.unwrap_or(Options::default().restarts),
+            seed: args.seed,
+            ..Options::default()
+        };
+        working.stage("identifying the base");
+        let progress = |progress| working.progress(progress);
+        let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
+        let found = identify(spec, &runs, &options, &watch).map_err(interrupted)?;
+        for warning in &found.warnings {
+            tracing::warn!("the base: {warning}");
+        }
+        Ok(Identified {
+            model: found.model,
+            source: format!("{}, identified on the {whose} runs", args.base),
+            runs: Vec::new(),
+            restarts: u32::try_from(found.restart_rsse_n.len()).unwrap_or(u32::MAX),
+        })
+    }
+}
+
+/// The first given flag that applies only to a base that is identified here.
+fn superfluous(args: &RecordedArgs) -> Option<&'static str> {
+    let own = [("--passive", args.passive), ("--restarts", args.restarts.is_some())];
+    args.conditioning.given().or(own.into_iter().find_map(|(flag, given)| given.then_some(flag)))
+}

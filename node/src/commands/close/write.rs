@@ -1,0 +1,165 @@
+//! Output of a diagnosis: model file, JSON, report, text.
+
+use super::RecordedArgs;
+use super::base::Identified;
+use super::roles::Given;
+use crate::commands::context::CliContext;
+use crate::commands::output::OutputArgs;
+use crate::settings::error::NodeError;
+use mr_damper_base::provenance::TOOL;
+use mr_damper_model::diagnose::{DiagnosisResult, Runs};
+use mr_damper_model::model_file::{Role, TrainingRun};
+use mr_damper_reports::augmented_file::{self, TrainingOrigin};
+use mr_damper_reports::diagnosis::{self as report, json};
+use mr_damper_runs::write_text;
+use serde::Serialize;
+use std::path::Path;
+
+/// The result of a diagnosis and its inputs.
+pub(super) struct Done<'a> {
+    pub(super) result: DiagnosisResult,
+    pub(super) base: Identified,
+    pub(super) runs: Runs<'a>,
+    pub(super) given: &'a [Given],
+    pub(super) seconds: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct RunRow<'a> {
+    role: Role,
+    run: String,
+    sha256: &'a str,
+}
+
+/// Checks, before the work starts, that the output files can be written and that the base is not overwritten.
+///
+/// # Errors
+/// When a folder does not exist, or the base would be overwritten.
+pub(super) fn check_targets(args: &RecordedArgs, output: &OutputArgs) -> Result<(), NodeError> {
+    for target in std::iter::once(args.out.as_path()).chain(output.files()) {
+        let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            return Err(NodeError::File {
+                path: target.to_owned(),
+                message: format!(
+                    "cannot be written: there is no folder {}; create it first",
+                    folder.display()
+                ),
+            });
+        }
+    }
+    let whole = |path: &Path| path.canonicalize().ok();
+    match (whole(&args.out), whole(Path::new(&args.base))) {
+        (Some(out), Some(base)) if out == base => Err(NodeError::File {
+            path: args.out.clone(),
+            message: "is the base itself: give --out another name, so that the base is kept".to_owned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// Writes the model file, the report, the JSON and the text, as requested.
+///
+/// # Errors
+/// When a file cannot be written; [`NodeError::Interrupted`].
+pub(super) fn all(
+    args: &RecordedArgs,
+    output: &OutputArgs,
+    done: &Done<'_>,
+    context: &CliContext,
+) -> Result<(), NodeError> {
+    if context.interrupt.is_raised() {
+        return Err(NodeError::Interrupted);
+    }
+    let named = !done.result.effects.is_empty();
+    if named {
+        let origin =
+            TrainingOrigin { seed: args.seed, restarts: done.base.restarts, runs: training_runs(done) };
+        let text = augmented_file::model_file(&done.result, &done.runs, origin).to_toml()?;
+        write_text(&args.out, &text)?;
+    }
+    output.page(|| Ok(report::html(&outcome(args, done, context)?)))?;
+    let runs = done.given.iter().map(run_row);
+    let model_file = named.then_some(args.out.as_path());
+    let written = json::ReportDocument::new(&done.result, args.seed, done.seconds, runs, model_file);
+    let drive = augmented_file::drive(&done.result, &done.runs);
+    output.figures(&written, || report::text(&done.result, drive) + &ending(args, done))
+}
+
+/// The content of the report. It shows the test runs; without test runs it shows the validation runs.
+fn outcome<'a>(
+    args: &RecordedArgs,
+    done: &'a Done<'_>,
+    context: &CliContext,
+) -> Result<report::DiagnosisOutcome<'a>, NodeError> {
+    let runs = &done.runs;
+    let pictured = if runs.test.is_empty() { runs.confirm } else { runs.test };
+    let mut traces = Vec::with_capacity(pictured.len());
+    for data in pictured {
+        if context.interrupt.is_raised() {
+            return Err(NodeError::Interrupted);
+        }
+        traces.push(report::RunTrace::of(&done.result, data, runs.reference));
+    }
+    let count = |role: Role| done.given.iter().filter(|given| given.role == role).count();
+    let row = |name: &str, value: String| (name.to_owned(), value);
+    let mut provenance = vec![
+        row("made by", TOOL.to_owned()),
+        row("base", format!("{}, {}", done.base.source, done.result.before.force.name())),
+        row("seed", args.seed.to_string()),
+        row("time", format!("{:.1} s", done.seconds)),
+    ];
+    provenance.extend(done.given.iter().map(|given| {
+        row(role_in_words(given.role), format!("{}, SHA-256 {}", given.path.display(), given.sha256))
+    }));
+    Ok(report::DiagnosisOutcome {
+        what: format!(
+            "Effects that the base model ({}) lacks. Training runs: {}, validation runs: {}, test runs: {}.",
+            done.base.source,
+            count(Role::Estimate),
+            count(Role::Confirm),
+            count(Role::Test)
+        ),
+        result: &done.result,
+        drive: augmented_file::drive(&done.result, &done.runs),
+        traces,
+        provenance,
+    })
+}
+
+const fn role_in_words(role: Role) -> &'static str {
+    match role {
+        Role::Base => "training run of the base",
+        Role::Estimate => "training run",
+        Role::Confirm => "validation run",
+        Role::Test => "test run",
+        Role::Reference => "reference run",
+        Role::Replicate => "replicate",
+    }
+}
+
+/// Lines on the model file that was written and on the time taken.
+fn ending(args: &RecordedArgs, done: &Done<'_>) -> String {
+    let out = args.out.display();
+    let model = match (done.result.effects.is_empty(), args.out.exists()) {
+        (false, _) => format!("model file: {out}"),
+        (true, true) => format!("no effect was found: no model file is written, {out} is unchanged"),
+        (true, false) => "no effect was found: no model file is written".to_owned(),
+    };
+    format!("\n{model}\n{:.1} s\n", done.seconds)
+}
+
+fn run_row(given: &Given) -> RunRow<'_> {
+    RunRow { role: given.role, run: given.path.display().to_string(), sha256: &given.sha256 }
+}
+
+/// All runs of this diagnosis, then the runs of the base that are not among them.
+fn training_runs(done: &Done<'_>) -> Vec<TrainingRun> {
+    let own =
+        done.given.iter().zip(augmented_file::training_runs(&done.result, &done.runs)).map(|(given, run)| {
+            TrainingRun { name: given.path.display().to_string(), sha256: given.sha256.clone(), ..run }
+        });
+    let known = |run: &&TrainingRun| done.given.iter().all(|given| given.sha256 != run.sha256);
+    let before = done.base.runs.iter().filter(known);
+    own.chain(before.map(|run| TrainingRun { role: Some(Role::Base), ..run.clone() })).collect()
+}

@@ -1,0 +1,268 @@
+//! Output of a comparison: JSON, the report, tables on the terminal.
+
+use super::state::FinishedCell;
+use super::{Args, ComparisonPlan, pictures, tables};
+use crate::commands::conditioning::velocity_text;
+use crate::settings::error::NodeError;
+use mr_damper_base::provenance::TOOL;
+use mr_damper_model::compare::{Figure, Finished, Persistence, Predictor, Summary};
+use mr_damper_model::model::Model;
+use mr_damper_model::model_file::ModelFile;
+use mr_damper_reports::compare::published::Published;
+use mr_damper_reports::compare::{CompareOutcome, StepTime, html};
+use serde::Serialize;
+
+/// The results of a comparison.
+pub(super) struct ComparisonResult {
+    pub(super) lines: Vec<FinishedCell>,
+    pub(super) cells: Vec<Finished>,
+    pub(super) summaries: Vec<Summary>,
+    pub(super) persistence: Vec<Persistence>,
+    pub(super) published: Option<Published>,
+    pub(super) seconds: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    schema: &'static str,
+    tool: &'static str,
+    options: OptionsRow,
+    experiments: Vec<ExperimentRow<'a>>,
+    identification: Vec<IdentificationRow<'a>>,
+    cross_validation: Vec<CrossRow<'a>>,
+    persistence: Vec<PersistenceRow<'a>>,
+    models: &'a [StepTime],
+}
+
+#[derive(Debug, Serialize)]
+struct OptionsRow {
+    restarts: u32,
+    seed: u64,
+    most_rows: usize,
+    moving_only: bool,
+    rate_hz: Option<f64>,
+    conditioning: mr_damper_model::condition::Conditioning,
+}
+
+#[derive(Debug, Serialize)]
+struct ExperimentRow<'a> {
+    experiment: &'a str,
+    replicate: u32,
+    run: &'a str,
+    sha256: &'a str,
+    rate_hz: f64,
+    samples: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct IdentificationRow<'a> {
+    model: &'a str,
+    form: &'a str,
+    experiment: &'a str,
+    rsse_n: Option<f64>,
+    esr: Option<f64>,
+    predictor: Predictor,
+    parameters: Option<usize>,
+    restarts: u32,
+    seconds: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    note: Option<&'a str>,
+}
+
+#[derive(Debug, Serialize)]
+struct CrossRow<'a> {
+    model: &'a str,
+    form: &'a str,
+    trained_on: &'a str,
+    tested_on: &'a str,
+    replicate: u32,
+    predictor: Predictor,
+    rsse_n: Option<f64>,
+    esr: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    note: Option<&'a str>,
+}
+
+/// Persistence on an experiment: the mean over its replicates, and each replicate.
+#[derive(Debug, Serialize)]
+struct PersistenceRow<'a> {
+    experiment: &'a str,
+    rsse_n: Option<f64>,
+    esr: Option<f64>,
+    replicates: Vec<&'a Persistence>,
+}
+
+/// Writes the report, the JSON and the tables, as requested.
+///
+/// # Errors
+/// When a file cannot be written, or a stored model cannot be read.
+pub(super) fn write(args: &Args, work: &ComparisonPlan, done: &ComparisonResult) -> Result<(), NodeError> {
+    let models = done.lines.iter().map(model).collect::<Result<Vec<_>, _>>()?;
+    let times = step_times(work, done, &models);
+    args.output.page(|| Ok(html(&outcome(args, work, done, &models, &times))))?;
+    args.output.figures(&report(args, work, done, &times), || tables::text(done, &times))
+}
+
+fn model(line: &FinishedCell) -> Result<Option<Model>, NodeError> {
+    Ok(line.model.as_deref().map(ModelFile::from_toml).transpose()?.map(|file| file.model))
+}
+
+/// Time per step of each model, as identified on the first experiment that gave a model.
+fn step_times(work: &ComparisonPlan, done: &ComparisonResult, models: &[Option<Model>]) -> Vec<StepTime> {
+    let Some(first) = work.experiments.first().and_then(|e| e.replicates.first()) else { return Vec::new() };
+    let mut once: Vec<(&str, &str, &Model)> = Vec::new();
+    for (cell, model) in done.cells.iter().zip(models) {
+        let known = once.iter().any(|(name, form, _)| *name == cell.model && *form == cell.form);
+        once.extend(model.as_ref().filter(|_| !known).map(|m| (cell.model.as_str(), cell.form.as_str(), m)));
+    }
+    pictures::step_times(once.into_iter(), &first.data)
+}
+
+fn outcome<'a>(
+    args: &Args,
+    work: &ComparisonPlan,
+    done: &'a ComparisonResult,
+    models: &[Option<Model>],
+    times: &'a [StepTime],
+) -> CompareOutcome<'a> {
+    let find = |model: &str, form: &str, on: &str| {
+        let cell =
+            done.cells.iter().position(|c| c.model == model && c.form == form && c.trained_on == on)?;
+        models[cell]
+    };
+    let drawn = pictures::best(&done.summaries, find);
+    let (force_velocity, force_velocity_caption) = pictures::force_velocity(&work.experiments, &drawn);
+    let rows: usize = work.experiments.iter().flat_map(|e| &e.replicates).map(|r| r.data.rows.len()).sum();
+    let fact = |name: &str, value: String| (name.to_owned(), value);
+    let conditioning = &work.options.conditioning;
+    let runs = |e: &mr_damper_model::compare::Experiment| {
+        let seconds = e.replicates.first().map_or(0.0, |r| r.data.rows.len() as f64 / r.data.rate_hz);
+        let count = e.replicates.len();
+        format!("{} ({count} run{} of {seconds:.0} s)", e.name, if count == 1 { "" } else { "s" })
+    };
+    CompareOutcome {
+        what: tables::headline(work.specs.len(), work.experiments.len(), work.sources.len()),
+        facts: vec![
+            fact("experiments", work.experiments.iter().map(runs).collect::<Vec<_>>().join(", ")),
+            fact("rows", format!("{rows} in all")),
+            fact(
+                "runs",
+                match &args.runs {
+                    Some(dir) => dir.display().to_string(),
+                    None => format!(
+                        "{} training runs, fitted together; {} test runs",
+                        args.train.len(),
+                        args.test.len()
+                    ),
+                },
+            ),
+            fact(
+                "filter",
+                format!(
+                    "{} at {} Hz, velocity by {}",
+                    format!("{:?}", conditioning.apply_to).to_lowercase(),
+                    conditioning.cutoff_hz,
+                    velocity_text(conditioning.velocity, conditioning.slope_window_s)
+                ),
+            ),
+            fact(
+                "rows that count",
+                if work.options.dataset.moving_only { "rows in which the damper moves" } else { "all" }
+                    .to_owned(),
+            ),
+            fact("restarts", format!("{}, seed {}", args.restarts, args.seed)),
+            fact("maximum rows of a nonlinear fit", args.most_rows.to_string()),
+            fact("time", format!("{:.0} s on {} threads", done.seconds, work.threads)),
+            fact("made by", TOOL.to_owned()),
+        ],
+        cells: &done.cells,
+        summaries: &done.summaries,
+        persistence: &done.persistence,
+        published: done.published.as_ref(),
+        step_times: times,
+        force_time: pictures::force_time(&work.experiments, &drawn),
+        force_velocity,
+        force_velocity_caption,
+    }
+}
+
+fn report<'a>(
+    args: &Args,
+    work: &'a ComparisonPlan,
+    done: &'a ComparisonResult,
+    times: &'a [StepTime],
+) -> Report<'a> {
+    let replicates = work.experiments.iter().flat_map(|e| e.replicates.iter().map(move |r| (e, r)));
+    Report {
+        schema: "mr-damper/compare/1",
+        tool: TOOL,
+        options: OptionsRow {
+            restarts: args.restarts,
+            seed: args.seed,
+            most_rows: args.most_rows,
+            moving_only: work.options.dataset.moving_only,
+            rate_hz: work.options.dataset.rate_hz,
+            conditioning: work.options.conditioning,
+        },
+        experiments: replicates
+            .zip(&work.sources)
+            .map(|((experiment, replicate), source)| ExperimentRow {
+                experiment: &experiment.name,
+                replicate: replicate.number,
+                run: &replicate.data.name,
+                sha256: &source.sha256,
+                rate_hz: replicate.data.rate_hz,
+                samples: replicate.data.counted(),
+            })
+            .collect(),
+        identification: done.lines.iter().flat_map(|line| identification(args, line)).collect(),
+        cross_validation: done.cells.iter().flat_map(cross_validation).collect(),
+        persistence: work.experiments.iter().map(|e| persistence(&e.name, &done.persistence)).collect(),
+        models: times,
+    }
+}
+
+fn identification<'a>(args: &Args, line: &'a FinishedCell) -> Vec<IdentificationRow<'a>> {
+    let row = |predictor, figure: Option<&'a Figure>| IdentificationRow {
+        model: &line.cell.model,
+        form: &line.cell.form,
+        experiment: &line.cell.trained_on,
+        rsse_n: figure.and_then(|f| f.rsse_n),
+        esr: figure.and_then(|f| f.esr),
+        predictor,
+        parameters: line.cell.parameters,
+        restarts: args.restarts,
+        seconds: line.seconds,
+        note: figure.map_or(line.cell.failure.as_deref(), |f| f.note.as_deref()),
+    };
+    if line.cell.failure.is_some() {
+        return vec![row(Predictor::FreeRun, None)];
+    }
+    line.cell.identification.iter().map(|figure| row(figure.predictor, Some(figure))).collect()
+}
+
+fn cross_validation(cell: &Finished) -> Vec<CrossRow<'_>> {
+    let tests = cell.cross_validation.iter().flat_map(|test| test.figures.iter().map(move |f| (test, f)));
+    tests
+        .map(|(test, figure)| CrossRow {
+            model: &cell.model,
+            form: &cell.form,
+            trained_on: &cell.trained_on,
+            tested_on: &test.tested_on,
+            replicate: test.replicate,
+            predictor: figure.predictor,
+            rsse_n: figure.rsse_n,
+            esr: figure.esr,
+            note: figure.note.as_deref(),
+        })
+        .collect()
+}
+
+fn persistence<'a>(experiment: &'a str, all: &'a [Persistence]) -> PersistenceRow<'a> {
+    let replicates: Vec<&Persistence> = all.iter().filter(|p| p.experiment == experiment).collect();
+    let mean = |pick: fn(&Persistence) -> Option<f64>| {
+        let values: Vec<f64> = replicates.iter().filter_map(|p| pick(p)).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    };
+    PersistenceRow { experiment, rsse_n: mean(|p| p.rsse_n), esr: mean(|p| p.esr), replicates }
+}

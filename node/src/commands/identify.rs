@@ -1,0 +1,410 @@
+//! `mr-damper identify`: identifies a model from recorded runs.
+
+use crate::commands::conditioning::{ConditioningArgs, FilterArg, VelocityArg, velocity_text};
+use crate::commands::context::CliContext;
+use crate::commands::output::OutputArgs;
+use crate::commands::progress::Working;
+use crate::commands::run_args::RunArgs;
+use crate::settings::error::NodeError;
+use clap::builder::PossibleValuesParser;
+use mr_damper_base::provenance::{TOOL, date, expect};
+use mr_damper_model::calibrate::Calibrator;
+use mr_damper_model::evaluate::{Evaluator, evaluate_into};
+use mr_damper_model::identify::{
+    Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Structure, Watch, identify,
+};
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::model::Model;
+use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
+use mr_damper_model::pipeline::{Models, Pipeline, Settings};
+use mr_damper_model::sample::{DriveKind, Run};
+use mr_damper_reports::Recording;
+use mr_damper_reports::identify::{self as page, IdentifyOutcome, SteppedRun};
+use mr_damper_runs::write_text;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Identify a model from recorded runs and write a model file.
+///
+/// Several runs, at different rates and currents, are fitted together; each run has its own force offset. Validation
+/// runs (`--validate`) are not fitted: the model is scored on them, and the model file stores their error as the
+/// error that the node should expect.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Model to identify.
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(names()))]
+    pub model: String,
+    /// Identify the form without the drive.
+    #[arg(long)]
+    pub passive: bool,
+    /// Use fuzzy sets over the drive in place of polynomials, for a force law (kwok, bouc-wen, ...) or lpv.
+    #[arg(long, conflicts_with = "passive")]
+    pub fuzzy: bool,
+    /// Degree of the polynomials over the drive, for a force law or lpv.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=4))]
+    pub degree: u8,
+    /// Minimise Huber's loss in place of squares: residuals beyond N newtons get less weight.
+    #[arg(long, value_name = "N")]
+    pub huber: Option<f64>,
+    /// Runs to fit: CSV files, rosbag2 directories, .mcap files.
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Model file to write.
+    #[arg(long, value_name = "MODEL.toml")]
+    pub out: PathBuf,
+    /// Validation runs: held out of the fit, and scored.
+    #[arg(long, value_name = "RUN", num_args = 1..)]
+    pub validate: Vec<PathBuf>,
+    /// Random starting points of the nonlinear fit.
+    #[arg(long, value_name = "N", default_value_t = 25)]
+    pub restarts: u32,
+    /// Seed of the starting points.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Centres of the fuzzy sets, in A or V, like the drive of the runs; by default chosen from that drive.
+    #[arg(long, value_name = "C,C,...", value_delimiter = ',', allow_hyphen_values = true)]
+    pub centres: Option<Vec<f64>>,
+    /// Width (standard deviation) of the fuzzy sets, in A or V; by default half the spacing of the centres.
+    #[arg(long, value_name = "S", requires = "centres")]
+    pub sigma: Option<f64>,
+    /// Number of fuzzy sets, spaced evenly over the range of the drive.
+    #[arg(long, value_name = "N", conflicts_with = "centres")]
+    pub sets: Option<usize>,
+    /// Also identify the centres and widths of the fuzzy sets. The search starts at the values that would otherwise be fixed.
+    #[arg(long, conflicts_with = "passive")]
+    pub free_sets: bool,
+    /// How runs become rows.
+    #[command(flatten)]
+    pub conditioning: ConditioningArgs,
+    /// Output files.
+    #[command(flatten)]
+    pub output: OutputArgs,
+    /// How runs are read.
+    #[command(flatten)]
+    pub load: RunArgs,
+}
+
+/// Names of all models that can be identified.
+fn names() -> Vec<&'static str> {
+    Structure::all().into_iter().map(Structure::name).collect()
+}
+
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    schema: &'static str,
+    model: &'a str,
+    form: &'static str,
+    parameters: usize,
+    restarts: u32,
+    seed: u64,
+    seconds: f64,
+    rank: Option<usize>,
+    velocity: String,
+    velocity_trials: Vec<VelocityReport>,
+    training: Scores,
+    validation: Option<Scores>,
+    /// The 90 % band of the estimates is calibrated on the held-out runs.
+    band_calibrated: bool,
+    runs: Vec<RunReport<'a>>,
+    active_bounds: Vec<String>,
+    warnings: &'a [String],
+    estimates: Vec<Estimate<'a>>,
+    restart_rsse_n: &'a [f64],
+}
+
+/// A parameter and its standard error, which is `null` if the runs do not determine the parameter.
+#[derive(Debug, Serialize)]
+struct Estimate<'a> {
+    parameter: &'a str,
+    value: f64,
+    standard_error: Option<f64>,
+}
+
+impl<'a> Estimate<'a> {
+    fn of(parameter: &'a ParameterValue) -> Self {
+        Self {
+            parameter: &parameter.name,
+            value: parameter.value,
+            standard_error: Some(parameter.standard_error).filter(|error| error.is_finite()),
+        }
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct VelocityReport {
+    velocity: String,
+    mean_esr: f64,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Scores {
+    free_run: Option<Fit>,
+    one_step: Option<Fit>,
+    persistence: Option<Fit>,
+}
+
+#[derive(Debug, Serialize)]
+struct RunReport<'a> {
+    run: &'a str,
+    samples: u64,
+    rate_hz: f64,
+    force_offset_n: f64,
+    free_run: Option<Fit>,
+    one_step: Option<Fit>,
+}
+
+/// Identifies the model, scores it on the validation runs, and writes the results.
+///
+/// # Errors
+/// When a run does not load, the model cannot be identified from the runs, or a file cannot be written; when interrupted,
+/// in which case nothing is written.
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    let loaded = args.runs.iter().map(|path| args.load.load(path)).collect::<Result<Vec<_>, _>>()?;
+    let (runs, hashes): (Vec<Run>, Vec<String>) =
+        loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
+    let start = Instant::now();
+    let form = match (args.passive, args.fuzzy, args.free_sets) {
+        (true, _, _) => Form::Passive,
+        (false, _, true) => Form::FreeFuzzy,
+        (false, true, false) => Form::Fuzzy,
+        (false, false, false) => Form::SemiActive,
+    };
+    let spec = ModelSpec::named(&args.model, form)?;
+    let mut found = fit(spec, &runs, args, context)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let held_out = args
+        .validate
+        .iter()
+        .map(|path| Ok(args.load.load(path)?.run))
+        .collect::<Result<Vec<_>, NodeError>>()?;
+    let validation = validate(&mut found, &held_out, context)?;
+    let file = ModelFile { model: found.model, provenance: provenance(args, &found, &hashes, validation) };
+    write_text(&args.out, &file.to_toml()?)?;
+    let report = Report {
+        schema: "mr-damper/identify/1",
+        model: found.model.force.name(),
+        form: spec.form().name(),
+        parameters: found.model.force.parameter_count(),
+        restarts: args.restarts,
+        seed: args.seed,
+        seconds,
+        rank: found.rank,
+        velocity: velocity_text(found.model.conditioning.velocity, found.model.conditioning.slope_window_s),
+        velocity_trials: found
+            .velocity_trials
+            .iter()
+            .map(|trial| VelocityReport {
+                velocity: velocity_text(trial.velocity, trial.slope_window_s),
+                mean_esr: trial.mean_esr,
+            })
+            .collect(),
+        training: Scores {
+            free_run: found.free_run,
+            one_step: found.one_step,
+            persistence: found.persistence,
+        },
+        validation,
+        band_calibrated: found.model.expected.uncertainty.is_some(),
+        runs: found.runs.iter().map(run_report).collect(),
+        active_bounds: found.active_bounds.iter().map(|b| format!("{} = {}", b.parameter, b.value)).collect(),
+        warnings: &found.warnings,
+        estimates: found.parameters.iter().map(Estimate::of).collect(),
+        restart_rsse_n: &found.restart_rsse_n,
+    };
+    args.output.page(|| Ok(page::html(&pictured(&found.model, &runs, &held_out, &report)?)))?;
+    args.output.figures(&report, || table(&report, &args.out))
+}
+
+fn fit(spec: ModelSpec, runs: &[Run], args: &Args, context: &CliContext) -> Result<Identified, NodeError> {
+    let options = Options {
+        conditioning: args.conditioning.conditioning(FilterArg::None, VelocityArg::Backward)?,
+        choose_velocity: args.conditioning.velocity.is_none(),
+        dataset: args.conditioning.dataset(),
+        placement: match (&args.centres, args.sets) {
+            (Some(centres), _) => Placement::Given { centres: centres.clone(), sigma: args.sigma },
+            (None, Some(sets)) => Placement::Even(sets),
+            (None, None) => Placement::FromRuns,
+        },
+        degree: usize::from(args.degree),
+        loss: match args.huber {
+            Some(threshold_n) => Loss::Huber { threshold_n },
+            None => Loss::Squares,
+        },
+        most_rows: None,
+        restarts: args.restarts,
+        seed: args.seed,
+    };
+    let working = Working::new(context.quiet);
+    let progress = |progress| working.progress(progress);
+    let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
+    identify(spec, runs, &options, &watch).map_err(|error| match error {
+        mr_damper_model::Error::Cancelled => NodeError::Interrupted,
+        error => error.into(),
+    })
+}
+
+/// Scores the model on the held-out runs. Their error becomes the model's expected error, and they calibrate its band.
+fn validate(
+    found: &mut Identified,
+    held_out: &[Run],
+    context: &CliContext,
+) -> Result<Option<Scores>, NodeError> {
+    if held_out.is_empty() {
+        return Ok(None);
+    }
+    let mut all = Evaluator::default();
+    let mut calibrator = Calibrator::new(found.model);
+    for run in held_out {
+        if context.interrupt.is_raised() {
+            return Err(NodeError::Interrupted);
+        }
+        evaluate_into(&mut all, found.model, run, Settings::default(), |_| true)?;
+        calibrator.add(run)?;
+    }
+    match calibrator.finish() {
+        Ok(uncertainty) => found.model.expected.uncertainty = Some(uncertainty),
+        Err(why) => found.warnings.push(format!("the 90 % band of the estimates is not calibrated: {why}")),
+    }
+    let scored = all.finish();
+    expect(&mut found.model.expected, &scored);
+    Ok(Some(Scores { free_run: scored.free_run, one_step: scored.one_step, persistence: scored.persistence }))
+}
+
+fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Option<Scores>) -> Provenance {
+    Provenance {
+        tool: TOOL.to_owned(),
+        date: date(),
+        seed: args.seed,
+        restarts: u32::try_from(found.restart_rsse_n.len()).unwrap_or(args.restarts),
+        rank: found.rank.and_then(|rank| u32::try_from(rank).ok()),
+        runs: found
+            .runs
+            .iter()
+            .zip(hashes)
+            .map(|(run, sha256)| TrainingRun {
+                name: run.name.clone(),
+                sha256: sha256.clone(),
+                samples: run.samples,
+                force_offset_n: run.force_offset_n,
+                role: None,
+            })
+            .collect(),
+        training_free_run: found.free_run,
+        training_one_step: found.one_step,
+        validation_free_run: validation.and_then(|v| v.free_run),
+        validation_one_step: validation.and_then(|v| v.one_step),
+        persistence: found.persistence,
+    }
+}
+
+fn run_report(run: &mr_damper_model::identify::RunFit) -> RunReport<'_> {
+    RunReport {
+        run: &run.name,
+        samples: run.samples,
+        rate_hz: run.rate_hz,
+        force_offset_n: run.force_offset_n,
+        free_run: run.free_run,
+        one_step: run.one_step,
+    }
+}
+
+/// The figures of a report by name; missing figures are left out.
+fn figures(report: &Report<'_>) -> Vec<(String, Fit)> {
+    let mut figures = Vec::new();
+    let mut add = |name: &str, fit: Option<Fit>| figures.extend(fit.map(|fit| (name.to_owned(), fit)));
+    add("training, simulation (offsets out)", report.training.free_run);
+    add("training, one step ahead", report.training.one_step);
+    add("training, persistence", report.training.persistence);
+    if let Some(validation) = &report.validation {
+        add("validation, simulation", validation.free_run);
+        add("validation, one step ahead", validation.one_step);
+        add("validation, persistence", validation.persistence);
+    }
+    figures
+}
+
+/// Remarks on a fit, besides its figures.
+fn remarks(report: &Report<'_>) -> Vec<String> {
+    let rank = report.rank.filter(|rank| *rank < report.parameters);
+    let mut remarks: Vec<String> = rank
+        .map(|rank| {
+            let of = report.parameters;
+            format!(
+                "rank {rank} of {of}: the regressors are collinear, so single coefficients have no meaning"
+            )
+        })
+        .into_iter()
+        .collect();
+    remarks.extend(report.warnings.iter().cloned());
+    if report.band_calibrated {
+        remarks.push("the 90 % band of the estimates is calibrated on the held-out runs".to_owned());
+    }
+    let bounds = report.active_bounds.iter();
+    let vague = |e: &&Estimate<'_>| e.standard_error.is_none_or(|error| error > 0.5 * e.value.abs());
+    let vague: Vec<&str> = report.estimates.iter().filter(vague).map(|e| e.parameter).collect();
+    if !vague.is_empty() {
+        remarks.push(format!(
+            "poorly determined by these runs, with a standard error above half the value: {} (standard errors: --json)",
+            vague.join(", ")
+        ));
+    }
+    remarks.extend(bounds.map(|bound| format!("at its bound: {bound} (the runs do not determine it)")));
+    remarks
+}
+
+/// One line on the model and its identification.
+fn headline(report: &Report<'_>) -> String {
+    format!(
+        "{} ({}), {} parameters, {} runs, velocity by {}, {:.1} s",
+        report.model,
+        report.form,
+        report.parameters,
+        report.runs.len(),
+        report.velocity,
+        report.seconds
+    )
+}
+
+/// Steps every run through the pipeline with the identified model, for the plots of the report.
+fn pictured(
+    model: &Model,
+    fitted: &[Run],
+    held_out: &[Run],
+    report: &Report<'_>,
+) -> Result<IdentifyOutcome, NodeError> {
+    let step = |run: &Run, held_out| -> Result<SteppedRun, NodeError> {
+        let mut pipeline = Pipeline::new(Models::alone(*model), Settings::default())?;
+        let mut recording = Recording::default();
+        for sample in run.samples() {
+            pipeline.step(&sample, &mut |event| recording.take(&event));
+        }
+        let name = Path::new(&run.name).file_name().map_or(run.name.clone(), |n| n.to_string_lossy().into());
+        Ok(SteppedRun { name, held_out, recording })
+    };
+    let runs = fitted.iter().map(|run| step(run, false)).chain(held_out.iter().map(|run| step(run, true)));
+    let row = |name: &str, value: String| (name.to_owned(), value);
+    Ok(IdentifyOutcome {
+        what: headline(report),
+        figures: figures(report),
+        notes: remarks(report),
+        drive: model.force.drive().unwrap_or(DriveKind::CoilCurrent),
+        runs: runs.collect::<Result<_, _>>()?,
+        provenance: vec![
+            row("made by", TOOL.to_owned()),
+            row("seed", report.seed.to_string()),
+            row("restarts", report.restarts.to_string()),
+        ],
+    })
+}
+
+fn table(report: &Report<'_>, out: &Path) -> String {
+    let mut text = headline(report) + "\n";
+    for (name, fit) in figures(report) {
+        text += &format!("  {name:<34} RMSE {:8.2} N   NMSE {:.5}\n", fit.rsse_n, fit.esr);
+    }
+    for remark in remarks(report) {
+        text += &format!("  {remark}\n");
+    }
+    text + &format!("model file: {}\n", out.display())
+}

@@ -1,0 +1,76 @@
+//! Output of results: an HTML report, JSON to stdout or to a file, and text.
+
+use crate::settings::error::NodeError;
+use mr_damper_base::shown;
+use mr_damper_runs::write_text;
+use serde::Serialize;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Output options of the commands that can write an HTML report.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct OutputArgs {
+    /// Write a report with plots to one HTML file.
+    #[arg(long, value_name = "R.html")]
+    pub report: Option<PathBuf>,
+    /// Write the figures as JSON to a file; without a file name, or with -, print only the JSON to stdout.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    pub json: Option<PathBuf>,
+}
+
+impl OutputArgs {
+    /// Writes the HTML report if `--report` was given.
+    ///
+    /// # Errors
+    /// The errors of `page`; when the file cannot be written.
+    pub fn page(&self, page: impl FnOnce() -> Result<String, NodeError>) -> Result<(), NodeError> {
+        if let Some(path) = &self.report {
+            write_text(path, &page()?)?;
+            tracing::info!(report = %path.display(), "written");
+        }
+        Ok(())
+    }
+
+    /// Writes `value` as JSON if `--json` was given, and prints `text` unless the JSON goes to stdout.
+    ///
+    /// # Errors
+    /// When the file or stdout cannot be written.
+    pub fn figures(&self, value: &impl Serialize, text: impl FnOnce() -> String) -> Result<(), NodeError> {
+        if let Some(path) = &self.json {
+            json(path, value)?;
+        }
+        if self.json.as_deref() != Some(Path::new("-")) {
+            print!("{}", shown::lines(&text()));
+        }
+        Ok(())
+    }
+
+    /// Writes `value` as JSON if `--json` was given.
+    ///
+    /// # Errors
+    /// When the file or stdout cannot be written.
+    pub fn json_only(&self, value: &impl Serialize) -> Result<(), NodeError> {
+        self.json.as_deref().map_or(Ok(()), |path| json(path, value))
+    }
+
+    /// The files that will be written, the JSON file first.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        let paths = [self.json.as_deref(), self.report.as_deref()];
+        paths.into_iter().flatten().filter(|path| *path != Path::new("-"))
+    }
+}
+
+/// Writes `value` as JSON to `path`, or to stdout if `path` is `-`.
+///
+/// # Errors
+/// When the file or stdout cannot be written.
+pub fn json(path: &Path, value: &impl Serialize) -> Result<(), NodeError> {
+    let mut text = serde_json::to_string_pretty(value)
+        .map_err(|e| NodeError::Failed(format!("the report cannot be written as JSON: {e}")))?;
+    text.push('\n');
+    if path == Path::new("-") {
+        std::io::stdout().write_all(text.as_bytes()).map_err(NodeError::io("writing to stdout"))
+    } else {
+        Ok(write_text(path, &text)?)
+    }
+}

@@ -1,0 +1,156 @@
+//! `mr-damper replay`: plays recorded runs onto the node's input topics.
+
+use crate::commands::context::CliContext;
+use crate::commands::run_args::RunArgs;
+use crate::ros2::participant;
+use crate::settings::config::Config;
+use crate::settings::error::NodeError;
+use crate::streams::player::{Keys, NODE, PlaybackOptions, Played, Player, Rate};
+use indicatif::{ProgressBar, ProgressStyle};
+use mr_damper_base::shown;
+use mr_damper_model::sample::Run;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+/// Play recorded runs onto the node's input topics.
+///
+/// Runs are CSV files, rosbag2 directories, or bare .mcap or .db3 files. The original spacing of samples is kept. Stamps
+/// are shifted so that the first sample is now; with --clock they are kept, and /clock is published.
+///
+/// In a terminal, space pauses and resumes, right arrow or s plays one sample while paused, up and down change the speed
+/// by a tenth, and q ends the command. The services of `ros2 bag play` work too: ~/pause, ~/resume, ~/toggle_paused,
+/// ~/is_paused, ~/get_rate, ~/set_rate, ~/play_next, ~/burst, ~/seek (rosbag2_interfaces), for example
+/// `ros2 service call /mr_damper_replay/pause rosbag2_interfaces/srv/Pause`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Runs to play, one after the other.
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Speed: 1 is the original speed, 2 twice that, `max` as fast as DDS transmits without loss.
+    #[arg(long, value_name = "R|max", default_value = "1")]
+    pub rate: Rate,
+    /// Play again and again until interrupted.
+    #[arg(long = "loop")]
+    pub repeat: bool,
+    /// Start this many seconds into each run.
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    pub start: f64,
+    /// Play this many seconds of each run.
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
+    /// Keep the recorded stamps and publish /clock, with each sample or HZ times per second of real time.
+    #[arg(long, value_name = "HZ", num_args = 0..=1, require_equals = true, default_missing_value = "samples")]
+    pub clock: Option<ClockRate>,
+    /// Start paused, before the first sample.
+    #[arg(long)]
+    pub start_paused: bool,
+    /// Play onto another topic, e.g. displacement:=/lvdt/displacement; may be given several times. It is the same as
+    /// --ros-args -r OLD:=NEW.
+    #[arg(long, value_name = "OLD:=NEW")]
+    pub remap: Vec<String>,
+    /// Longest time to wait for a subscriber before the first sample, s.
+    #[arg(long, value_name = "S", default_value_t = 5.0)]
+    pub wait: f64,
+    /// How runs are read.
+    #[command(flatten)]
+    pub load: RunArgs,
+    /// ROS domain; by default ROS_DOMAIN_ID, else 0.
+    #[arg(long, value_name = "ID", default_value_t = -1, value_parser = participant::domain_flag)]
+    pub domain_id: i64,
+}
+
+/// When /clock is published.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ClockRate {
+    /// With each sample.
+    Samples,
+    /// At this rate, Hz, of real time.
+    Hz(f64),
+}
+
+impl FromStr for ClockRate {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.parse::<f64>() {
+            _ if text == "samples" => Ok(Self::Samples),
+            Ok(hz) if (0.01..=10_000.0).contains(&hz) => Ok(Self::Hz(hz)),
+            _ => Err("give a number from 0.01 to 10000, as in --clock=40, or nothing at all"),
+        }
+    }
+}
+
+/// Plays the runs.
+///
+/// # Errors
+/// When a run does not load or ROS does not start.
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    let config = Config { domain_id: args.domain_id, ..Config::default() };
+    context.ros_args.refuse_stray_rules(NODE, &Player::TOPICS, &Player::SERVICES)?;
+    let ros_args = context.ros_args.with_topics_renamed(&args.remap, &Player::TOPICS)?;
+    let mut runs = Vec::with_capacity(args.runs.len());
+    for path in &args.runs {
+        runs.push(args.load.load(path)?.run);
+    }
+    let mut player = Player::start(&config, &ros_args, args.clock.is_some())?;
+    player.offer_services(&ros_args)?;
+    if args.start_paused {
+        player.control().pause();
+        tracing::info!("started paused: press space, or call ~/resume");
+    }
+    if !player.wait_for_listener(Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)), &context.interrupt) {
+        tracing::warn!("{} has no subscriber yet; playing anyway", ros_args.topic("displacement"));
+    }
+    let keys = Keys::start(context.quiet);
+    let mut played = Played::default();
+    'all: loop {
+        for run in &runs {
+            let options = PlaybackOptions {
+                rate: args.rate,
+                start: args.start,
+                duration: args.duration,
+                clock: args.clock.is_some(),
+                clock_hz: args.clock.and_then(|clock| match clock {
+                    ClockRate::Hz(hz) => Some(hz),
+                    ClockRate::Samples => None,
+                }),
+            };
+            let bar = progress(run, &options, context.quiet);
+            player.play(run, &options, &mut played, &context.interrupt, keys.as_ref(), &|at_s| {
+                bar.set_position((at_s * 1e3) as u64);
+            });
+            bar.finish_and_clear();
+            player.check()?;
+            if context.interrupt.is_raised() {
+                break 'all;
+            }
+        }
+        if !args.repeat {
+            break;
+        }
+    }
+    drop(keys);
+    // Reliable readers may still request the last samples again.
+    std::thread::sleep(Duration::from_millis(200));
+    player.stop();
+    tracing::info!(samples = played.samples, failed = played.failed, "played");
+    if played.failed > 0 {
+        return Err(NodeError::Failed(format!("the middleware did not accept {} samples", played.failed)));
+    }
+    Ok(())
+}
+
+fn progress(run: &Run, options: &PlaybackOptions, quiet: bool) -> ProgressBar {
+    if quiet {
+        return ProgressBar::hidden();
+    }
+    let length_s =
+        options.duration.unwrap_or(f64::INFINITY).min(run.duration().get() - options.start).max(0.0);
+    let style = ProgressStyle::with_template("{msg} [{bar:40}] {percent}% of {prefix}, {eta} left")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new((length_s * 1e3) as u64)
+        .with_style(style)
+        .with_prefix(format!("{length_s:.0} s"))
+        .with_message(shown::line(&run.name).into_owned())
+}

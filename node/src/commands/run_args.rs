@@ -1,0 +1,106 @@
+//! Arguments for reading runs, shared by the commands that read runs.
+
+use crate::settings::error::NodeError;
+use clap::ValueEnum;
+use mr_damper_model::sample::DriveKind;
+use mr_damper_runs::{LoadOptions, Loaded, Map, Mapping};
+use std::path::{Path, PathBuf};
+
+/// How runs are read.
+// The brackets are for `--help`, which shows them literally.
+#[allow(rustdoc::broken_intra_doc_links)]
+#[derive(Debug, Clone, Default, clap::Args)]
+#[command(next_help_heading = "Reading runs")]
+pub struct RunArgs {
+    /// Drop bad CSV rows and count them, instead of refusing the file.
+    #[arg(long)]
+    pub skip_bad_rows: bool,
+    /// Read CSV files without a header, with the columns of the thesis: time, displacement, force, current, ambient
+    /// and case temperature, set point, in inches, pounds, amperes and degrees Celsius.
+    #[arg(long)]
+    pub thesis_txt: bool,
+    /// Drive to use if a run has both.
+    #[arg(long, value_enum)]
+    pub drive: Option<DriveArg>,
+    /// Namespace to read if a bag has several dampers, e.g. /front_left.
+    #[arg(long, value_name = "NS")]
+    pub bag_namespace: Option<String>,
+    /// Joint to read from JointState topics that have the node's topic names; for topics with other names use --map.
+    #[arg(long, value_name = "NAME")]
+    pub bag_joint: Option<String>,
+    /// Read a channel from a topic or column with another name; may be given several times.
+    ///
+    /// A source that begins with a slash is a topic of a bag, any other a column of a CSV file:
+    ///
+    ///   --map displacement=/fl/susp/pos
+    ///   --map displacement=/joint_states:fl_damper,sign=-1,offset=0.01
+    ///   --map measured_force=/wrench:z
+    ///   --map 'displacement=Stroke [mm]' --map measured_force=load,unit=kN --map time=t,unit=ms
+    ///
+    /// The value is sign * (reading - offset), as for the node's inputs. The offset
+    /// is in SI units (m, m/s, N, A, V, C), also if the reading has another unit.
+    /// After a colon comes a joint of sensor_msgs/JointState, or an axis (x, y, z)
+    /// of geometry_msgs/WrenchStamped or TwistStamped.
+    ///
+    /// Channels: displacement, velocity, measured_force, coil_current,
+    /// command_voltage, case_temperature, body_velocity, force_request,
+    /// ambient_temperature, setpoint; for CSV files also time.
+    #[arg(long, value_name = "CHANNEL=SOURCE[,sign=-1][,offset=X][,unit=U]", verbatim_doc_comment)]
+    pub map: Vec<Mapping>,
+    /// TOML file with a table [map] that has one line per channel, e.g. displacement = "/fl/susp/pos,sign=-1"; --map
+    /// overrides it.
+    #[arg(long, value_name = "FILE.toml")]
+    pub map_file: Option<PathBuf>,
+}
+
+/// A kind of drive, named like its CSV column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
+pub enum DriveArg {
+    /// Coil current.
+    CurrentA,
+    /// Command voltage.
+    CommandV,
+}
+
+impl RunArgs {
+    /// The options for loading a run.
+    ///
+    /// # Errors
+    /// When a channel is mapped twice, or the file of the map cannot be used.
+    pub fn options(&self) -> Result<LoadOptions, NodeError> {
+        Ok(LoadOptions {
+            skip_bad_rows: self.skip_bad_rows,
+            thesis_txt: self.thesis_txt,
+            drive: self.drive.map(|drive| match drive {
+                DriveArg::CurrentA => DriveKind::CoilCurrent,
+                DriveArg::CommandV => DriveKind::CommandVoltage,
+            }),
+            namespace: self.bag_namespace.clone(),
+            joint: self.bag_joint.clone(),
+            map: self.map()?,
+        })
+    }
+
+    /// The sources of the channels. Flags override the file.
+    fn map(&self) -> Result<Map, NodeError> {
+        let flags =
+            Map::new(self.map.clone()).map_err(|error| NodeError::Usage(format!("--map: {error}")))?;
+        let Some(path) = &self.map_file else { return Ok(flags) };
+        let in_file = |message: String| NodeError::File { path: path.clone(), message };
+        let text = std::fs::read_to_string(path).map_err(|error| in_file(error.to_string()))?;
+        Ok(Map::from_toml(&text).map_err(|error| in_file(error.to_string()))?.overridden_by(flags))
+    }
+
+    /// Reads the run at `path` and logs its notes as warnings.
+    ///
+    /// # Errors
+    /// When the run does not load.
+    pub fn load(&self, path: &Path) -> Result<Loaded, NodeError> {
+        let loaded = mr_damper_runs::load(path, &self.options()?)?;
+        for note in &loaded.notes {
+            tracing::warn!(run = %path.display(), "{note}");
+        }
+        Ok(loaded)
+    }
+}

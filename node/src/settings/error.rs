@@ -1,0 +1,146 @@
+//! Errors of the service. Each message says what went wrong, where, and what to do.
+
+mod request;
+
+pub use request::RequestError;
+
+use mr_damper_base::disk::advice;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Errors of the service.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum NodeError {
+    /// A parameter has an invalid value.
+    #[error("parameter {name} is {value}, but must be {expected}")]
+    Parameter {
+        /// The parameter.
+        name: String,
+        /// The given value.
+        value: String,
+        /// The accepted values.
+        expected: String,
+    },
+    /// The parameter does not exist.
+    #[error("unknown parameter {name}; did you mean {nearest}?")]
+    UnknownParameter {
+        /// The given name.
+        name: String,
+        /// The closest known name.
+        nearest: String,
+    },
+    /// A file cannot be read, or its content is wrong.
+    #[error("{}: {message}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The problem.
+        message: String,
+    },
+    /// An argument after `--ros-args` is wrong.
+    #[error("--ros-args: {0}")]
+    RosArgs(String),
+    /// One damper of several failed.
+    #[error("damper {name}: {why}")]
+    Damper {
+        /// The damper's name.
+        name: String,
+        /// The error of this damper.
+        why: Box<NodeError>,
+    },
+    /// Wrong combination of arguments; the text is the message.
+    #[error("{0}")]
+    Usage(String),
+    /// A model does not load or does not fit.
+    #[error(transparent)]
+    Model(mr_damper_model::Error),
+    /// A run does not load or cannot be written.
+    #[error(transparent)]
+    Run(#[from] mr_damper_runs::RunError),
+    /// A running node's report of a diagnosis cannot be read.
+    #[error(transparent)]
+    Answer(#[from] mr_damper_reports::diagnosis_summary::UnreadableAnswer),
+    /// The web server of the live page does not start, or has ended.
+    #[error(transparent)]
+    Serve(#[from] mr_damper_views::ServeError),
+    /// DDS returned an error.
+    #[error("ROS 2: {what}: {why}")]
+    Ros {
+        /// The attempted action.
+        what: String,
+        /// The middleware's message, and what to do.
+        why: String,
+    },
+    /// The Zenoh mirror did not start.
+    #[error(transparent)]
+    Zenoh(#[from] crate::zenoh::session::ZenohError),
+    /// An error of the operating system.
+    #[error("{what}: {source}{}", advice(source.kind()))]
+    Io {
+        /// The attempted action.
+        what: String,
+        /// The system's error.
+        source: std::io::Error,
+    },
+    /// A diagnosis of the running model failed.
+    #[error(
+        "on {history_s:.1} s of history (the first 60 % are training runs (estimate), the next 20 % validation runs (confirm), the rest \
+         test runs): {error}. The node keeps history.duration_s of history; another base model can be loaded with load_model"
+    )]
+    OnHistory {
+        /// Length of the history, s.
+        history_s: f64,
+        /// The error of the diagnosis.
+        error: Box<mr_damper_model::Error>,
+    },
+    /// The goal of an action failed.
+    #[error("{action} failed: {}", error.as_deref().unwrap_or("no reason is given; see the node's log"))]
+    Goal {
+        /// The action.
+        action: String,
+        /// The sentence of the node; `None` if it gave none.
+        error: Option<String>,
+        /// The code and fields of the node's error, if it has any.
+        reason: Option<serde_json::Value>,
+    },
+    /// The request of a peer is refused.
+    #[error(transparent)]
+    Request(#[from] RequestError),
+    /// The work was interrupted.
+    #[error("interrupted")]
+    Interrupted,
+    /// The work failed; the text is the message.
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl From<mr_damper_model::Error> for NodeError {
+    /// A cancelled computation counts as interrupted work.
+    fn from(error: mr_damper_model::Error) -> Self {
+        match error {
+            mr_damper_model::Error::Cancelled => Self::Interrupted,
+            error => Self::Model(error),
+        }
+    }
+}
+
+impl NodeError {
+    /// The stable code and the fields of the error of the model crate that this error reports, for JSON; `None` if it reports none.
+    #[must_use]
+    pub fn reason(&self) -> Option<serde_json::Value> {
+        match self {
+            Self::Model(error) => serde_json::to_value(error).ok(),
+            Self::OnHistory { error, .. } => serde_json::to_value(error).ok(),
+            Self::Goal { reason, .. } => reason.clone(),
+            Self::Damper { why, .. } => why.reason(),
+            _ => None,
+        }
+    }
+
+    /// An error of the operating system while doing `what`.
+    pub fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Self {
+        let what = what.into();
+        move |source| Self::Io { what, source }
+    }
+}

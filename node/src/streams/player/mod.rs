@@ -1,0 +1,391 @@
+//! Plays runs onto the node's input topics, with their original spacing.
+//!
+//! The player is an ordinary client of the service: it has its own DDS participant and publishes like a sensor's node.
+
+mod control;
+mod keys;
+mod pace;
+mod replay_services;
+
+pub use control::Control;
+pub use keys::Keys;
+
+use crate::estimation::wire::header;
+use crate::ros2::participant::{NotTaken, Output, Ros};
+use crate::settings::config::{Config, RosArgs};
+use crate::settings::error::NodeError;
+use crate::settings::interrupt::Interrupt;
+use crate::settings::task::Task;
+use mr_damper_base::clock::system_now;
+use mr_damper_model::sample::{Drive, Reading, Run, Sample, Stamp};
+use mr_damper_msgs::standard::{Clock, Temperature, Time};
+use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Velocity};
+use pace::Pace;
+use ros2_client::NodeOptions;
+use rustdds::GUID;
+use std::str::FromStr;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Default name of the player's node.
+pub const NODE: &str = "mr_damper_replay";
+
+/// Longest time between checks of signals and keyboard.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+
+/// Speed of playing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Rate {
+    /// A multiple of the original speed.
+    Times(f64),
+    /// As fast as DDS transmits without loss.
+    Max,
+}
+
+impl FromStr for Rate {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        if text == "max" {
+            return Ok(Self::Max);
+        }
+        match text.parse::<f64>() {
+            Ok(rate) if rate > 0.0 && rate.is_finite() => Ok(Self::Times(rate)),
+            _ => Err("give a positive number, or max"),
+        }
+    }
+}
+
+/// Numbers of samples that were played.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Played {
+    /// Samples published.
+    pub samples: u64,
+    /// Samples that the middleware did not accept.
+    pub failed: u64,
+}
+
+/// The part of a run to play, and how to play it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlaybackOptions {
+    /// Speed.
+    pub rate: Rate,
+    /// Start, in seconds into the run.
+    pub start: f64,
+    /// Duration, s; `None` plays to the end.
+    pub duration: Option<f64>,
+    /// Keep the recorded stamps and publish /clock.
+    pub clock: bool,
+    /// Rate of /clock in Hz of real time; `None` publishes it with each sample, but at least a millisecond apart.
+    pub clock_hz: Option<f64>,
+}
+
+impl Default for PlaybackOptions {
+    fn default() -> Self {
+        Self { rate: Rate::Times(1.0), start: 0.0, duration: None, clock: false, clock_hz: None }
+    }
+}
+
+/// Publishers for all input topics.
+pub struct Player {
+    ros: Ros,
+    node: String,
+    control: Arc<Control>,
+    services: Option<Task>,
+    displacement: Output<Displacement>,
+    velocity: Output<Velocity>,
+    coil_current: Output<CoilCurrent>,
+    command_voltage: Output<CommandVoltage>,
+    force: Output<Force>,
+    temperature: Output<Temperature>,
+    body_velocity: Output<Velocity>,
+    force_request: Output<Force>,
+    clock: Option<Output<Clock>>,
+}
+
+impl Player {
+    /// The topics that the player publishes, by their names in the node; remapping uses these names.
+    pub const TOPICS: [&str; 9] = [
+        "displacement",
+        "velocity",
+        "coil_current",
+        "command_voltage",
+        "measured_force",
+        "case_temperature",
+        "body_velocity",
+        "force_request",
+        "/clock",
+    ];
+
+    /// The services that the player may offer, by their names relative to the node.
+    pub const SERVICES: [&str; 9] = [
+        "~/pause",
+        "~/resume",
+        "~/toggle_paused",
+        "~/is_paused",
+        "~/get_rate",
+        "~/set_rate",
+        "~/play_next",
+        "~/burst",
+        "~/seek",
+    ];
+
+    /// Joins the domain as `mr_damper_replay`, in the namespace of the ROS arguments. With `clock` it also publishes /clock.
+    ///
+    /// # Errors
+    /// When ROS does not start.
+    pub fn start(config: &Config, ros_args: &RosArgs, clock: bool) -> Result<Self, NodeError> {
+        let args = ros_args;
+        let name = args.node.as_deref().unwrap_or(NODE);
+        let mut ros = Ros::start(config, args, NodeOptions::new().enable_rosout(false), name)?;
+        Ok(Self {
+            displacement: ros.publish_run(&args.topic("displacement"))?,
+            velocity: ros.publish_run(&args.topic("velocity"))?,
+            coil_current: ros.publish_run(&args.topic("coil_current"))?,
+            command_voltage: ros.publish_run(&args.topic("command_voltage"))?,
+            force: ros.publish_run(&args.topic("measured_force"))?,
+            temperature: ros.publish_run(&args.topic("case_temperature"))?,
+            body_velocity: ros.publish_run(&args.topic("body_velocity"))?,
+            force_request: ros.publish_run(&args.topic("force_request"))?,
+            clock: if clock { Some(ros.publish(&args.topic("/clock"))?) } else { None },
+            ros,
+            node: name.to_owned(),
+            control: Arc::default(),
+            services: None,
+        })
+    }
+
+    /// Offers the services of `ros2 bag play` below the node's name: `~/pause`, `~/resume`, `~/toggle_paused`,
+    /// `~/is_paused`, `~/get_rate`, `~/set_rate`, `~/play_next`, `~/burst`, `~/seek`.
+    ///
+    /// # Errors
+    /// When DDS refuses a service, or the system cannot start a thread.
+    pub fn offer_services(&mut self, ros_args: &RosArgs) -> Result<(), NodeError> {
+        self.services = Some(replay_services::offer(&mut self.ros, ros_args, &self.node, &self.control)?);
+        Ok(())
+    }
+
+    /// Fails once the player can no longer publish.
+    ///
+    /// # Errors
+    /// The errors of [`Ros::check`].
+    pub fn check(&self) -> Result<(), NodeError> {
+        self.ros.check()
+    }
+
+    /// The control for pausing, stepping, jumping and changing the speed.
+    #[must_use]
+    pub fn control(&self) -> &Control {
+        &self.control
+    }
+
+    /// Waits until displacement, force and a drive have subscribers; false after `timeout` or on a signal.
+    pub fn wait_for_listener(&self, timeout: Duration, interrupt: &Interrupt) -> bool {
+        let deadline = Instant::now() + timeout;
+        let readers = |publisher: GUID| self.ros.readers_of(publisher);
+        let listened = || {
+            readers(self.displacement.guid()) > 0
+                && readers(self.force.guid()) > 0
+                && readers(self.coil_current.guid()) + readers(self.command_voltage.guid()) > 0
+        };
+        while !listened() {
+            if Instant::now() >= deadline
+                || !interrupt.sleep_until(Instant::now() + Duration::from_millis(20))
+            {
+                return listened();
+            }
+        }
+        // This side sees the match first; the peer needs a moment until it has discovered the writers.
+        interrupt.sleep_until(Instant::now() + Duration::from_millis(300))
+    }
+
+    /// Plays one run; `at` is called with the number of seconds played so far.
+    ///
+    /// Stamps are shifted so that the first sample, and the first sample after a jump, are now. A pause does not change the
+    /// shift. With a clock the recorded stamps are kept.
+    pub fn play(
+        &self,
+        run: &Run,
+        options: &PlaybackOptions,
+        played: &mut Played,
+        interrupt: &Interrupt,
+        keys: Option<&Keys>,
+        at: &dyn Fn(f64),
+    ) {
+        let Some(first) = run.samples().next().map(|sample| sample.stamp) else { return };
+        let last = run.samples().last().map_or(first, |sample| sample.stamp);
+        self.control.begin(options.rate, (first, last));
+        let mut playing = Playing {
+            player: self,
+            options,
+            first,
+            pace: Pace::new(options.rate, options.start),
+            last_clock: None,
+            next_tick: None,
+            interrupt,
+            keys,
+        };
+        let mut from = Some(options.start);
+        while let Some(from_s) = from {
+            from = playing.stretch(run, from_s, played, at);
+        }
+        self.control.end();
+    }
+
+    /// Publishes the time of the run.
+    fn tell_time(&self, stamp: Stamp) -> bool {
+        let clock = Clock { clock: Time::from_nanos_saturating(stamp.nanos()) };
+        self.clock.as_ref().is_none_or(|publisher| publisher.publish(clock).is_ok())
+    }
+
+    fn publish(&self, sample: &Sample) -> Result<(), NotTaken> {
+        let header = header(sample.stamp, "");
+        let variance = 0.0;
+        match sample.reading {
+            Reading::Displacement(x) => {
+                self.displacement.publish(Displacement { header, displacement: x.get(), variance })
+            }
+            Reading::Velocity(v) => self.velocity.publish(Velocity { header, velocity: v.get(), variance }),
+            Reading::Drive(Drive::CoilCurrent(i)) => {
+                self.coil_current.publish(CoilCurrent { header, current: i.get(), variance })
+            }
+            Reading::Drive(Drive::CommandVoltage(u)) => {
+                self.command_voltage.publish(CommandVoltage { header, voltage: u.get(), variance })
+            }
+            Reading::Force(f) => self.force.publish(Force { header, force: f.get(), variance }),
+            Reading::CaseTemperature(t) => {
+                self.temperature.publish(Temperature { header, temperature: t.get(), variance })
+            }
+            Reading::BodyVelocity(v) => {
+                self.body_velocity.publish(Velocity { header, velocity: v.get(), variance })
+            }
+            Reading::ForceRequest(f) => {
+                self.force_request.publish(Force { header, force: f.get(), variance })
+            }
+        }
+    }
+
+    /// Leaves the domain.
+    pub fn stop(self) {
+        let Self { ros, services, displacement, velocity, coil_current, command_voltage, force, .. } = self;
+        let Self { temperature, body_velocity, force_request, clock, .. } = self;
+        if services.is_some_and(|services| services.stop().is_err()) {
+            tracing::error!("the thread that answers the player's services has panicked");
+        }
+        // Publishers must be dropped before their node.
+        drop((displacement, velocity, coil_current, command_voltage, force));
+        drop((temperature, body_velocity, force_request, clock));
+        ros.stop();
+    }
+}
+
+/// A run while it is played.
+struct Playing<'a> {
+    player: &'a Player,
+    options: &'a PlaybackOptions,
+    /// Stamp of the run's first sample.
+    first: Stamp,
+    pace: Pace,
+    /// The last /clock time that was published with a sample.
+    last_clock: Option<Stamp>,
+    /// When /clock is published next, if it has its own rate.
+    next_tick: Option<Instant>,
+    interrupt: &'a Interrupt,
+    keys: Option<&'a Keys>,
+}
+
+/// The player's next action.
+enum Next {
+    Play,
+    /// Continue at this time of the run, s.
+    Jump(f64),
+    End,
+}
+
+impl Playing<'_> {
+    /// Plays from `from_s` to the end, or until a jump; returns the target of the jump, in seconds.
+    fn stretch(&mut self, run: &Run, from_s: f64, played: &mut Played, at: &dyn Fn(f64)) -> Option<f64> {
+        let options = self.options;
+        let to_s = options.duration.map_or(f64::INFINITY, |duration| options.start + duration);
+        let shift_ns =
+            if options.clock { 0 } else { system_now().nanos() - self.first.nanos() - (from_s * 1e9) as i64 };
+        for sample in run.samples() {
+            let run_s = sample.stamp.since(self.first).get();
+            if run_s < from_s {
+                continue;
+            }
+            if run_s >= to_s {
+                break;
+            }
+            match self.next(run_s, played) {
+                Next::Play => {}
+                Next::Jump(to_s) => {
+                    self.pace.jump(to_s);
+                    self.last_clock = None;
+                    return Some(to_s);
+                }
+                Next::End => break,
+            }
+            let stamp = sample.stamp.shifted(shift_ns);
+            let due = self.last_clock.is_none_or(|last| stamp.since(last).get() >= 1e-3);
+            if options.clock && options.clock_hz.is_none() && due {
+                self.last_clock = Some(stamp);
+                played.failed += u64::from(!self.player.tell_time(stamp));
+            }
+            let taken = self.player.publish(&Sample { stamp, ..sample }).is_ok();
+            self.pace.sent(Instant::now(), run_s);
+            self.player.control.played();
+            played.samples += 1;
+            played.failed += u64::from(!taken);
+            at((run_s - options.start).max(0.0));
+        }
+        None
+    }
+
+    /// Waits until the sample at `next_s` is due, or until a jump or the end is requested.
+    fn next(&mut self, next_s: f64, played: &mut Played) -> Next {
+        let control = &self.player.control;
+        loop {
+            if let Some(keys) = self.keys {
+                keys.look(control, self.interrupt);
+            }
+            if self.interrupt.is_raised() {
+                return Next::End;
+            }
+            let now = Instant::now();
+            let tick = self.tick(now, next_s, played);
+            let mut state = control.lock();
+            if let Some(to) = state.seek.take() {
+                return Next::Jump(to.since(self.first).get());
+            }
+            let is_waiting = state.paused && state.steps == 0;
+            if state.paused {
+                self.pace.stand(now, next_s);
+            } else {
+                self.pace.run(state.rate(), now, next_s);
+            }
+            let left = if is_waiting { LOOK_EVERY } else { self.pace.left(now, next_s) };
+            if left.is_zero() {
+                return Next::Play;
+            }
+            drop(control.wait(state, left.min(LOOK_EVERY).min(tick)));
+        }
+    }
+
+    /// Publishes /clock if it has its own rate and is due; returns the time until it is due again. While paused, the same
+    /// time is published repeatedly.
+    fn tick(&mut self, now: Instant, next_s: f64, played: &mut Played) -> Duration {
+        let Some(hz) = self.options.clock_hz.filter(|_| self.options.clock) else { return LOOK_EVERY };
+        let due = *self.next_tick.get_or_insert(now);
+        if now < due {
+            return due - now;
+        }
+        let nanos = (self.pace.position(now, next_s) * 1e9).round() as i64;
+        played.failed += u64::from(!self.player.tell_time(self.first.shifted(nanos)));
+        let period = Duration::from_secs_f64(1.0 / hz);
+        // Missed ticks are not published later.
+        let next = if due + period > now { due + period } else { now + period };
+        self.next_tick = Some(next);
+        next - now
+    }
+}

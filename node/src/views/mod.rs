@@ -1,0 +1,4 @@
+//! The sources and the work behind the views.
+
+pub mod watch;
+pub mod workshop;

@@ -1,0 +1,8 @@
+//! What observes a running node.
+
+pub mod diagnostics;
+pub mod event_log;
+pub mod history;
+pub mod memory;
+pub(crate) mod mode_log;
+pub mod overseer;

@@ -1,0 +1,4 @@
+//! Zenoh session, naming rules of rmw_zenoh.
+
+pub mod rmw;
+pub mod session;
