@@ -7,12 +7,14 @@ and the delays of the other messages. Readers on another host get one, at a swit
 
     kill      SIGKILL: the reader is gone, but its lease continues
     stop      SIGSTOP, and SIGCONT after the lease has expired
-    slow      the reader spends 20 ms on each message
+    slow      the reader sleeps for 20 ms on each message
+    busy      the reader computes for 20 ms on each message; it is compared with a program that computes as much and reads nothing,
+              so that the ratio shows what a reader costs the node, and not what any busy program takes from a shared processor
     mute      the reader never acknowledges, but keeps renewing its lease
     unplug    the reader is on another host, whose cable is unplugged
 
 usage: fault_table.py [--node BINARY] [--ecu BINARY] [--build NAME] [--rates 500,1000,4x1000] [--cases rclpy-kill,...] [--seconds 25]
-                      [--realtime PRIORITY]
+                      [--quiet 8] [--realtime PRIORITY]
 
 Progress goes to stderr; Markdown tables and then one line of JSON go to stdout. Exit code 1 if an answer was lost.
 """
@@ -34,10 +36,13 @@ HERE = pathlib.Path(__file__).resolve().parent
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", HERE.parent.parent / "target"))
 BASE = pathlib.Path(os.environ.get("MR_DAMPER_INTEROP_DIR", "/var/tmp/mr-damper-interop"))
 CASES = [
-    "rclpy-kill", "rclpy-stop", "rclpy-slow", "cyclone-kill", "cyclone-stop", "ros2client-kill", "ros2client-stop", "mute", "rclpy-unplug",
+    "rclpy-kill", "rclpy-stop", "rclpy-slow", "rclpy-busy", "cyclone-kill", "cyclone-stop", "ros2client-kill", "ros2client-stop", "mute", "rclpy-unplug",
 ]  # fmt: skip
 # Name of the phases in which all readers are healthy.
 QUIET = "without a victim"
+# Name of the phases in which a program that reads nothing is busy.
+BUSY = "a busy program that reads nothing"
+BUSY_PROGRAM = "while True: pass"
 MODEL = "thesis/fuzzy-tanh/rp3-cs"
 
 
@@ -108,7 +113,7 @@ def victim(case, dampers, args):
     fault = case.rsplit("-", 1)[-1]
     match case.split("-")[0]:
         case "rclpy":
-            slow = ["--slow", "0.02"] if fault == "slow" else []
+            slow = {"slow": ["--wait", "0.02"], "busy": ["--work", "0.02"]}.get(fault, [])
             return [HERE / "ros-python.sh", "jazzy", HERE / "victim_peer.py", "--dampers", dampers, *slow]
         case "cyclone":
             return [BASE / "peers/venv/bin/python", HERE / "cyclone_victim.py", dampers]
@@ -151,8 +156,18 @@ class Session:
         self.ecu.line()
         time.sleep(seconds)
 
+    def busy_program(self):
+        """A phase with a busy program that reads nothing."""
+        program = self.program(self.hosts[0], [sys.executable, "-c", BUSY_PROGRAM], "busy")
+        self.phase(BUSY, self.args.quiet)
+        program.process.kill()
+        program.process.wait()
+
     def case(self, case):
         say(f"  {case}")
+        busy = case.endswith("-busy")
+        if busy:
+            self.busy_program()
         self.phase(f"{case} joins", 0.0)
         host = self.hosts[2 if self.subnet else 0]
         reader = self.program(host, victim(case, self.dampers, self.args), case)
@@ -168,6 +183,8 @@ class Session:
         reader.end()
         if fault == "unplug":
             self.hosts[1].run("ip link set port2 up")
+        if busy:
+            self.busy_program()
         self.phase(QUIET, self.args.quiet)
 
     def end(self):
@@ -201,15 +218,16 @@ def ratio(faulty, quiet):
 
 
 def rows(build, rate, report):
-    """Figures of each case at one rate: the case compared with the phases without a victim before and after it."""
+    """Figures of each case at one rate: the case compared with the phases of its reference before and after it."""
     phases = report["phases"]
-    quiet_at = [index for index, phase in enumerate(phases) if phase["name"] == QUIET]
     for index, phase in enumerate(phases):
         case = phase["name"]
         if case not in CASES:
             continue
-        before = max(at for at in quiet_at if at < index)
-        after = min(at for at in quiet_at if at > index)
+        reference = BUSY if case.endswith("-busy") else QUIET
+        reference_at = [at for at, other in enumerate(phases) if other["name"] == reference]
+        before = max(at for at in reference_at if at < index)
+        after = min(at for at in reference_at if at > index)
         # A reader that joins or leaves must not cause losses either: these phases count as part of the case.
         around = phases[before + 1 : after]
         yield {

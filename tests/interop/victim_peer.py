@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """An rclpy subscriber with default QoS to estimates and commands of several dampers, which a test kills, stops or unplugs.
 
-Prints {"event": "ready"} once it has received messages of all dampers; ends when standard input closes. Run it through ros-python.sh.
+With --wait or --work it is slow: it sleeps on each message, as for a disk, or computes. Prints {"event": "ready"} once it has received
+messages of all dampers; ends when standard input closes. Run it through ros-python.sh.
 """
 
 import argparse
@@ -20,7 +21,8 @@ from ros_common import TYPES, wait_until
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--dampers", type=int, default=1)
-    parser.add_argument("--slow", type=float, default=0.0, metavar="S", help="time spent on each message")
+    parser.add_argument("--wait", type=float, default=0.0, metavar="S", help="sleep on each message")
+    parser.add_argument("--work", type=float, default=0.0, metavar="S", help="compute on each message")
     args = parser.parse_args()
     rclpy.init()
     node = Node("victim_peer")
@@ -32,8 +34,9 @@ def main():
     def hear(topic):
         def callback(_message):
             heard.add(topic)
-            if ready.is_set() and args.slow:
-                end = time.monotonic() + args.slow
+            if ready.is_set():
+                time.sleep(args.wait)
+                end = time.monotonic() + args.work
                 while time.monotonic() < end:
                     pass
 
