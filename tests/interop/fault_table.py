@@ -8,8 +8,8 @@ and the delays of the other messages. Readers on another host get one, at a swit
     kill      SIGKILL: the reader is gone, but its lease continues
     stop      SIGSTOP, and SIGCONT after the lease has expired
     slow      the reader sleeps for 20 ms on each message
-    busy      the reader computes for 20 ms on each message; it is compared with a program that computes as much and reads nothing,
-              so that the ratio shows what a reader costs the node, and not what any busy program takes from a shared processor
+    busy      the reader computes for 20 ms on each message, which keeps a core busy; it is compared with a slow reader beside a program
+              that keeps a core busy, so that the ratio does not show what any such program takes from a shared processor
     mute      the reader never acknowledges, but keeps renewing its lease
     unplug    the reader is on another host, whose cable is unplugged
 
@@ -40,8 +40,8 @@ CASES = [
 ]  # fmt: skip
 # Name of the phases in which all readers are healthy.
 QUIET = "without a victim"
-# Name of the phases in which a program that reads nothing is busy.
-BUSY = "a busy program that reads nothing"
+# Name of the phases with a slow reader and a program that is busy.
+BUSY = "a slow reader and a busy program"
 BUSY_PROGRAM = "while True: pass"
 MODEL = "thesis/fuzzy-tanh/rp3-cs"
 
@@ -108,9 +108,13 @@ def switch(near, middle, far):
         host.run(f"ip addr add 10.78.0.{number}/24 dev eth && ip link set eth up && ip route replace 224.0.0.0/4 dev eth")
 
 
+def fault_of(case):
+    return case.rsplit("-", 1)[-1]
+
+
 def victim(case, dampers, args):
     """Command of the failing reader."""
-    fault = case.rsplit("-", 1)[-1]
+    fault = fault_of(case)
     match case.split("-")[0]:
         case "rclpy":
             slow = {"slow": ["--wait", "0.02"], "busy": ["--work", "0.02"]}.get(fault, [])
@@ -156,35 +160,44 @@ class Session:
         self.ecu.line()
         time.sleep(seconds)
 
-    def busy_program(self):
-        """A phase with a busy program that reads nothing."""
-        program = self.program(self.hosts[0], [sys.executable, "-c", BUSY_PROGRAM], "busy")
-        self.phase(BUSY, self.args.quiet)
-        program.process.kill()
-        program.process.wait()
-
-    def case(self, case):
-        say(f"  {case}")
-        busy = case.endswith("-busy")
-        if busy:
-            self.busy_program()
+    def join(self, case):
+        """A reader that joins, and is healthy so far."""
         self.phase(f"{case} joins", 0.0)
         host = self.hosts[2 if self.subnet else 0]
         reader = self.program(host, victim(case, self.dampers, self.args), case)
         reader.line()
+        return reader
+
+    def leave(self, case, reader):
+        self.phase(f"{case} leaves", 0.0)
+        reader.end()
+
+    def busy(self):
+        """A phase with a slow reader beside a busy program."""
+        reader = self.join("rclpy-slow")
+        program = self.program(self.hosts[0], [sys.executable, "-c", BUSY_PROGRAM], "busy")
+        self.phase(BUSY, self.args.quiet)
+        program.process.kill()
+        program.process.wait()
+        self.leave("rclpy-slow", reader)
+
+    def case(self, case):
+        say(f"  {case}")
+        fault = fault_of(case)
+        if fault == "busy":
+            self.busy()
+        reader = self.join(case)
         self.phase(f"{case} alive", 3.0)
-        fault = case.rsplit("-", 1)[-1]
         if fault == "unplug":
             self.hosts[1].run("ip link set port2 down")
         elif fault in ("kill", "stop"):
             reader.process.send_signal(signal.SIGKILL if fault == "kill" else signal.SIGSTOP)
         self.phase(case, self.args.seconds)
-        self.phase(f"{case} leaves", 0.0)
-        reader.end()
+        self.leave(case, reader)
         if fault == "unplug":
             self.hosts[1].run("ip link set port2 up")
-        if busy:
-            self.busy_program()
+        if fault == "busy":
+            self.busy()
         self.phase(QUIET, self.args.quiet)
 
     def end(self):
@@ -224,7 +237,7 @@ def rows(build, rate, report):
         case = phase["name"]
         if case not in CASES:
             continue
-        reference = BUSY if case.endswith("-busy") else QUIET
+        reference = BUSY if fault_of(case) == "busy" else QUIET
         reference_at = [at for at, other in enumerate(phases) if other["name"] == reference]
         before = max(at for at in reference_at if at < index)
         after = min(at for at in reference_at if at > index)
