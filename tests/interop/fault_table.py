@@ -5,6 +5,7 @@ For each rate it starts a node and an ECU (ecu_peer) in their own network namesp
 four dampers. Then one reader after another joins, fails, and is observed for --seconds; the ECU reports its losses during that time
 and the delays of the other messages. Readers on another host get one, at a switch whose port is then unplugged.
 
+    healthy   no fault: the cost of any further reader
     kill      SIGKILL: the reader is gone, but its lease continues
     stop      SIGSTOP, and SIGCONT after the lease has expired
     slow      the reader sleeps for 20 ms on each message
@@ -36,7 +37,8 @@ HERE = pathlib.Path(__file__).resolve().parent
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", HERE.parent.parent / "target"))
 BASE = pathlib.Path(os.environ.get("MR_DAMPER_INTEROP_DIR", "/var/tmp/mr-damper-interop"))
 CASES = [
-    "rclpy-kill", "rclpy-stop", "rclpy-slow", "rclpy-busy", "cyclone-kill", "cyclone-stop", "ros2client-kill", "ros2client-stop", "mute", "rclpy-unplug",
+    "rclpy-healthy", "rclpy-kill", "rclpy-stop", "rclpy-slow", "rclpy-busy", "cyclone-kill", "cyclone-stop", "ros2client-kill",
+    "ros2client-stop", "mute", "rclpy-unplug",
 ]  # fmt: skip
 # Name of the phases in which all readers are healthy.
 QUIET = "without a victim"
