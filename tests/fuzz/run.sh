@@ -1,7 +1,9 @@
 #!/usr/bin/env bash
 # Builds the fuzz targets and runs them, a minute or an hour each. README.md describes the targets and what to do if one fails.
 #
-# usage: tests/fuzz/run.sh [--seconds N | --hour] [--jobs N] [--seed N] [TARGET...]      all targets, 60 s each, 2 at a time
+# usage: tests/fuzz/run.sh [--seconds N | --hour | --build] [--jobs N] [--seed N] [TARGET...]      all targets, 60 s each, 2 at a time
+#
+# Coverage of our crates guides the search for inputs; with --hour, coverage of all crates. --build runs nothing.
 #
 # Starts from the committed corpora and the inputs found by earlier runs. Those are kept below the target directory
 # (tests/fuzz/target, or $CARGO_TARGET_DIR/fuzz), as are logs and failing inputs. The source tree is not changed.
@@ -20,11 +22,12 @@ usage() {
 }
 
 # Seed 0: a different seed each time.
-seconds=60 jobs=2 seed=0 targets=()
+seconds=60 jobs=2 seed=0 whole='' build_only='' targets=()
 while [ $# -gt 0 ]; do
   case $1 in
     --seconds) seconds=${2:-} && shift ;;
-    --hour) seconds=3600 ;;
+    --hour) seconds=3600 whole=yes ;;
+    --build) build_only=yes ;;
     --jobs) jobs=${2:-} && shift ;;
     --seed) seed=${2:-} && shift ;;
     -*) usage ;;
@@ -48,14 +51,23 @@ for target in "${targets[@]}"; do
 done
 
 # Compiler flags of `cargo fuzz --sanitizer none`: coverage for libFuzzer, all checks. Our crates have no unsafe code for a
-# sanitizer to check. Naming the host as target keeps these flags out of build scripts and macros.
+# sanitizer to check.
 coverage=(-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4
   -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table
   -Cllvm-args=-sanitizer-coverage-trace-compares --cfg fuzzing -Cdebug-assertions)
-host=$(rustc -vV | sed -n 's/^host: //p')
-env -u CARGO_ENCODED_RUSTFLAGS RUSTFLAGS="${coverage[*]}" \
-  cargo build --release --locked --target "$host" --target-dir "$out" --bins
-programs=$out/$host/release
+if [ -n "$whole" ]; then
+  # Naming the host as target keeps these flags out of build scripts and macros.
+  host=$(rustc -vV | sed -n 's/^host: //p')
+  env -u CARGO_ENCODED_RUSTFLAGS RUSTFLAGS="${coverage[*]}" \
+    cargo build --release --locked --target "$host" --target-dir "$out" --bins
+  programs=$out/$host/release
+else
+  # Only our crates are compiled. The project's tests use the same target directory, and have compiled the other crates.
+  shared=$(realpath -m "${CARGO_TARGET_DIR:-../../target}")
+  RUSTC_WRAPPER=$PWD/instrument.sh MR_DAMPER_FUZZ_COVERAGE=${coverage[*]} cargo build --locked --target-dir "$shared" --bins
+  programs=$shared/debug
+fi
+[ -z "$build_only" ] || exit 0
 
 # Targets read files: in memory if possible.
 scratch=$(mktemp -d -p "$([ -w /dev/shm ] && echo /dev/shm || echo "${TMPDIR:-/tmp}")" mr-damper-fuzz.XXXXXX)
