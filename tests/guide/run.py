@@ -4,8 +4,9 @@
 usage: tests/guide/run.py [--list] [PAGE...]      PAGE: a path below the repository; default: README.md and the guide in order
 
 Each block fenced by ```sh runs with `bash -eu` in a scratch directory of its page, with `mr-damper` on PATH: $MR_DAMPER_BIN, or
-target/release/mr-damper. Root runs everything in a network namespace that has loopback only (tests/interop/netns.sh). Nothing outside the
-scratch directories is written. An HTML comment in front of a block changes how it runs; a reader of the page does not see it:
+target/release/mr-damper. Root runs three pages at a time, each in its own network namespace that has loopback only
+(tests/interop/netns.sh); other users run one page after the other. Nothing outside the scratch directories is written. An HTML comment in
+front of a block changes how it runs; a reader of the page does not see it:
 
     <!-- run: skip, REASON -->           the block does not run; the reason is printed
     <!-- run: background 5 s -->         the block runs in the background. It passes if it still runs after 5 s, and if it ends in an
@@ -21,6 +22,7 @@ or a link that is not understood.
 """
 
 import argparse
+import concurrent.futures
 import os
 import re
 import shutil
@@ -35,6 +37,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 NETNS = ROOT / "tests" / "interop" / "netns.sh"
 INSIDE = "MR_DAMPER_GUIDE_INSIDE"
+# Pages that root runs at the same time. Their commands mostly wait.
+TOGETHER = 3
 LIMIT_S = 60.0
 # A background program has this long to end after SIGINT.
 END_S = 10.0
@@ -231,6 +235,44 @@ def run_page(page, binary, report):
         report("failed" if failure else "passed", block, block.seconds, failure)
 
 
+def run_here(pages, binary):
+    """Runs pages one after the other on this network; the number of blocks of each outcome."""
+    counts = {"passed": 0, "failed": 0, "skipped": 0}
+
+    def report(outcome, block, seconds, more):
+        counts[outcome] += 1
+        reason = f" ({more})" if outcome == "skipped" else ""
+        print(f"{outcome:<8} {seconds:5.1f} s  {block.place()}: {block.title()}{reason}", flush=True)
+        if outcome == "failed":
+            print(more.rstrip(), flush=True)
+
+    for page in pages:
+        run_page(page, binary, report)
+    return counts
+
+
+def run_apart(page):
+    """Runs a page by this script in a new network namespace, and prints its lines when it has ended; the number of blocks of each outcome."""
+    command = [NETNS, "run", sys.executable, __file__, page.relative_to(ROOT)]
+    done = subprocess.run(command, env={**os.environ, INSIDE: "1"}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+    *lines, summary = done.stdout.splitlines() or [""]
+    match = re.fullmatch(r"(\d+) passed, (\d+) failed, (\d+) skipped", summary)
+    passed, failed, skipped = map(int, match.groups()) if match else (0, 0, 0)
+    if done.returncode != 0 and not failed:
+        lines += [summary, f"failed   {page.relative_to(ROOT)}: exit code {done.returncode}"]
+        failed = 1
+    sys.stdout.write("".join(f"{line}\n" for line in lines))
+    sys.stdout.flush()
+    return {"passed": passed, "failed": failed, "skipped": skipped}
+
+
+def run_together(pages):
+    """Runs pages at the same time, each in its own network namespace."""
+    with concurrent.futures.ThreadPoolExecutor(TOGETHER) as pool:
+        counts = list(pool.map(run_apart, pages))
+    return {outcome: sum(count[outcome] for count in counts) for outcome in ("passed", "failed", "skipped")}
+
+
 def slug(heading):
     """The anchor of a heading, as GitHub and MkDocs make it."""
     text = re.sub(r"[`*]|\[([^\]]*)\]\([^)]*\)", r"\1", heading).strip().lower()
@@ -274,22 +316,11 @@ def main():
         return 0
     if not os.access(binary, os.X_OK):
         raise Bad(f"{binary} is not there: cargo build --release --workspace --bins, or set MR_DAMPER_BIN")
-    if os.getuid() == 0 and INSIDE not in os.environ:
-        os.execve(NETNS, [str(NETNS), "run", sys.executable, __file__, *sys.argv[1:]], {**os.environ, INSIDE: "1"})
-    counts = {"passed": 0, "failed": 0, "skipped": 0}
-
-    def report(outcome, block, seconds, more):
-        counts[outcome] += 1
-        reason = f" ({more})" if outcome == "skipped" else ""
-        print(f"{outcome:<8} {seconds:5.1f} s  {block.place()}: {block.title()}{reason}", flush=True)
-        if outcome == "failed":
-            print(more.rstrip(), flush=True)
-
     dead = [] if arguments.page else list(dead_links())
     for link in dead:
-        print(f"dead link: {link}")
-    for page in pages:
-        run_page(page, binary, report)
+        print(f"dead link: {link}", flush=True)
+    apart = os.getuid() == 0 and INSIDE not in os.environ
+    counts = run_together(pages) if apart else run_here(pages, binary)
     print(", ".join(f"{count} {outcome}" for outcome, count in counts.items()))
     return 2 if dead and not counts["failed"] else int(counts["failed"] > 0)
 
