@@ -1,7 +1,8 @@
 //! Tests of the service with independent programs: rclpy of two ROS 2 distributions, CycloneDDS, Zenoh.
 //!
 //! Each test creates a network namespace with only loopback, starts the release build of `mr-damper` in it, and
-//! checks what a peer of `tests/interop/` saw. The tests run one at a time, and are ignored by default:
+//! checks what a peer of `tests/interop/` saw. Tests that measure short delays or load the machine run alone
+//! (`interop_alone`), the others at the same time. All are ignored by default:
 //!
 //! ```text
 //! tests/interop/setup.sh
@@ -21,7 +22,7 @@ mod interop_support;
 mod interop_zenoh;
 
 use interop_files::{identify, utf8};
-use interop_support::gate::{Outcome, interop, long, say};
+use interop_support::gate::{Outcome, interop, interop_alone, long, say};
 use interop_support::json::{count, found, number, text, texts, truth};
 use interop_support::{Distro, Lab, NODE, PRESET, ZENOH_ENDPOINT};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
@@ -363,7 +364,7 @@ fn zenoh_reads_the_mirror() {
 #[test]
 #[ignore = "needs the peers of tests/interop/setup.sh"]
 fn nothing_is_lost_at_1_khz_and_the_round_trip_is_close_to_the_bare_echo() {
-    interop("round trip at 1000 Hz", |lab| {
+    interop_alone("round trip at 1000 Hz", |lab| {
         // In turns, so that a machine that becomes busier affects both; the median of the turns counts.
         let turns: &[u64] = if long() { &[60, 20, 20] } else { &[10] };
         say("round trip rclpy jazzy at 1000 Hz, us:      p50      p90      p99      max   sent  lost");
@@ -421,7 +422,7 @@ fn round_trip(name: &str, lab: &Lab, seconds: u64) -> Value {
 #[test]
 #[ignore = "needs the peers of tests/interop/setup.sh"]
 fn sigint_and_sigterm_end_the_node_and_peers_see_it_leave() {
-    interop("shutdown", |lab| {
+    interop_alone("shutdown", |lab| {
         let mut figures = Vec::new();
         for (signal, distro) in [("INT", Distro::Jazzy), ("TERM", Distro::Kilted)] {
             let mut node = lab.node(PRESET, &[]);

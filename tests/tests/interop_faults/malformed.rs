@@ -3,7 +3,7 @@
 
 use super::NO_ARX;
 use super::peer_records::{FaultPeer, PeerRecords};
-use crate::interop_support::gate::{Outcome, interop, long, survives};
+use crate::interop_support::gate::{Outcome, interop, interop_alone, long, survives};
 use crate::interop_support::json::count;
 use crate::interop_support::process::{Program, resident_mib, script};
 use crate::interop_support::{Lab, PRESET};
@@ -45,7 +45,7 @@ fn storm(lab: &Lab, node: &Program, play: &str, seconds: u32) -> (PeerRecords, V
 #[test]
 #[ignore = "needs the peers of tests/interop/setup.sh"]
 fn malformed_packets_change_nothing_for_a_peer() {
-    interop("malformed RTPS", |lab| {
+    interop_alone("malformed RTPS", |lab| {
         let mut node = lab.node(PRESET, NO_ARX);
         let seconds = if long() { 300 } else { 4 };
         let (records, sent, grown) = storm(lab, &node, "stranger", seconds);

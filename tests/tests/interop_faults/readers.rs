@@ -1,6 +1,6 @@
 //! Failing readers: the other readers lose nothing. `tests/interop/fault_table.py` runs all cases.
 
-use crate::interop_support::gate::{Outcome, binary, ecu_peer_binary, hardened_binary, interop};
+use crate::interop_support::gate::{Outcome, binary, ecu_peer_binary, hardened_binary, interop_alone};
 use crate::interop_support::process::script;
 use serde_json::Value;
 use std::path::Path;
@@ -59,13 +59,13 @@ fn nobody_else_loses(node: &Path, build: &str, cases: &[Case]) -> Outcome {
 #[test]
 #[ignore = "needs root: network namespaces and raw sockets"]
 fn a_reader_that_stops_or_never_acknowledges_does_not_affect_the_others() {
-    interop("readers that fail", |_| nobody_else_loses(&binary(), "default", &DEFAULT));
+    interop_alone("readers that fail", |_| nobody_else_loses(&binary(), "default", &DEFAULT));
 }
 
 #[test]
 #[ignore = "needs root and a hardened build: MR_DAMPER_HARDENED_BIN"]
 fn nor_does_it_affect_them_with_the_hardened_build() {
-    interop("readers that fail, hardened build", |_| match hardened_binary() {
+    interop_alone("readers that fail, hardened build", |_| match hardened_binary() {
         Ok(node) => nobody_else_loses(&node, "hardened", &HARDENED),
         Err(why) => Outcome::Missing(why),
     });

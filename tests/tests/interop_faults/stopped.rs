@@ -3,7 +3,7 @@
 use super::NO_ARX;
 use super::peer_records::{FaultPeer, PeerRecords};
 use crate::PEER;
-use crate::interop_support::gate::{Outcome, interop, long, survives};
+use crate::interop_support::gate::{Outcome, interop, interop_alone, long, survives};
 use crate::interop_support::json::text;
 use crate::interop_support::process::{Program, resident_mib};
 use crate::interop_support::{Distro, Lab, PRESET};
@@ -100,7 +100,7 @@ fn a_sender_and_a_reader_may_stop_and_continue() {
 #[test]
 #[ignore = "needs the peers of tests/interop/setup.sh"]
 fn stopped_programs_report_that_their_dds_library_did_not_continue() {
-    interop("suspended node and recorder", |lab| {
+    interop_alone("suspended node and recorder", |lab| {
         if let Some(skipped) = survives() {
             return skipped;
         }

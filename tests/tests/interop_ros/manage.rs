@@ -1,6 +1,6 @@
 //! An rclpy manager uses everything that a ROS 2 node should offer: states, parameters, mode, log, time, types, actions.
 
-use crate::interop_support::gate::{Outcome, interop};
+use crate::interop_support::gate::{Outcome, interop, interop_alone};
 use crate::interop_support::json::{count, found, number, text, texts, truth};
 use crate::interop_support::{Distro, Lab, PRESET};
 use crate::{PEER, SHUTDOWN};
@@ -23,7 +23,7 @@ fn rclpy_kilted_manages_the_node() {
 #[test]
 #[ignore = "needs the peers of tests/interop/setup.sh"]
 fn a_new_fast_dds_client_gets_its_first_response_at_once() {
-    interop("new clients of rclpy jazzy", |lab| {
+    interop_alone("new clients of rclpy jazzy", |lab| {
         let _node = lab.node(PRESET, &[]);
         let saw = lab.ros(Distro::Jazzy, "new_clients.py", &["--clients", "80"]).json(PEER);
         assert_eq!((count(&saw, "/clients"), count(&saw, "/unanswered")), (80, 0), "{saw:#}");

@@ -1,23 +1,36 @@
-//! Runs the tests one at a time, and reports their outcomes.
+//! Decides which tests run at the same time, and reports their outcomes.
 
 use super::Lab;
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{PoisonError, RwLock};
 
 /// Prints a line that the test runner does not capture.
 pub(crate) fn say(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// Runs an interop test in a new lab. `body` returns the text to print.
+/// Every running test reads this; a test that must run alone writes it.
+static RUNNING: RwLock<()> = RwLock::new(());
+
+/// Runs an interop test in a new lab, at the same time as others. `body` returns the text to print.
 ///
 /// The tests are ignored by default, so that `cargo test` needs neither Python nor ROS. A test that is run, but whose requirement is
 /// missing, fails.
 pub(crate) fn interop(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+    let _together = RUNNING.read().unwrap_or_else(PoisonError::into_inner);
+    in_a_lab(name, body);
+}
+
+/// Like [`interop`], for a test that runs alone: it measures delays of milliseconds, or it loads the machine so much that others
+/// could fail. `.ci/run` lists these tests, to run them after the others.
+pub(crate) fn interop_alone(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
+    let _alone = RUNNING.write().unwrap_or_else(PoisonError::into_inner);
+    in_a_lab(name, body);
+}
+
+fn in_a_lab(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
     let lab = Lab::new();
     match catch_unwind(AssertUnwindSafe(|| body(&lab))) {
         Ok(Outcome::Passed(figures)) => {
@@ -56,7 +69,9 @@ pub(crate) enum Outcome {
 fn record(outcome: &str, name: &str) {
     if let Ok(path) = std::env::var("MR_DAMPER_INTEROP_RESULTS") {
         let file = std::fs::OpenOptions::new().create(true).append(true).open(&path);
-        let written = file.and_then(|mut file| writeln!(file, "{outcome} {name}"));
+        // One write, because tests append at the same time.
+        let line = format!("{outcome} {name}\n");
+        let written = file.and_then(|mut file| file.write_all(line.as_bytes()));
         written.unwrap_or_else(|error| panic!("MR_DAMPER_INTEROP_RESULTS={path}: {error}"));
     }
 }

@@ -2,7 +2,7 @@
 
 mod rmw;
 
-use crate::interop_support::gate::{self, Outcome, interop};
+use crate::interop_support::gate::{self, Outcome, interop, interop_alone};
 use crate::interop_support::json::{count, found, number, text, texts, truth};
 use crate::interop_support::process::Program;
 use crate::interop_support::{Distro, Lab, NODE, PRESET, ZENOH_ENDPOINT};
@@ -116,7 +116,7 @@ fn a_routers_storage_has_the_last_values_of_a_stopped_vehicle() {
 #[test]
 #[ignore = "needs the router of tests/interop/setup.sh router"]
 fn a_small_fleet_loses_nothing_through_a_router() {
-    interop("zenoh fleet", |lab| {
+    interop_alone("zenoh fleet", |lab| {
         let mut router = match storing_router(lab) {
             Ok(router) => router,
             Err(why) => return Outcome::Missing(why),
