@@ -79,8 +79,9 @@
 //! ```
 //!
 //! 2. Add the line `cavitation: Cavitation;` to the list.
-//! 3. Add the effect to the virtual rig (`rig/inject.rs`, and `rig/plant.rs` if the plant lacks it) under the same id; a test
-//!    fails without this step. The example `diagnosis_rates` then counts how often a diagnosis finds it.
+//! 3. Declare the effect in the virtual rig (`rig/inject.rs`) under the same id; a test fails without this step. An effect that is not an
+//!    added force may also need an equation in `rig/plant.rs` or `rig/channel.rs`. The example `diagnosis_rates` then counts how often a
+//!    diagnosis finds it.
 //!
 //! State goes into `state`: two first-order lags, three numbers and a delay line; `state.force_inside` and `state.drive` give the time
 //! since the last valid sample. Model file, pipeline, diagnosis, inverse controller, reports and the tests for all effects then include it.

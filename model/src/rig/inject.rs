@@ -1,11 +1,12 @@
 //! Effects that can be injected into the rig, with the ids that the diagnosis uses for them.
 //!
-//! Each effect sets one property of the plant or the measurement chain. Size 0 removes it, also the coil lag and the thermal fade of the
-//! default plant. Where there is a choice, the form differs from the form that the diagnosis tries. Asymmetry and position act on the
-//! valve, not on the force; a dead zone is play before the compliance; the low-pass of the load cell is of second order.
+//! Each effect is one declaration in [`EFFECTS`]. It sets one property of the plant or the measurement chain, or adds a force to the rod's.
+//! Size 0 removes it, also the coil lag and the thermal fade of the default plant. Where there is a choice, the form differs from the form
+//! that the diagnosis tries. Asymmetry and position act on the valve, not on the force; a dead zone is play before the compliance; the
+//! low-pass of the load cell is of second order.
 
 use super::channel::Channels;
-use super::plant::{Plant, ValveForm};
+use super::plant::{Plant, PlantState, ValveForm};
 use super::second_order::SecondOrder;
 use crate::error::{Error, RigError};
 
@@ -22,7 +23,41 @@ pub struct Effect {
     pub typical: f64,
     /// Description in one line.
     pub what: &'static str,
-    apply: fn(&mut Plant, &mut Channels, f64),
+    entry: Entry,
+}
+
+/// How an effect of a given size enters the rig. An effect whose force is an explicit function of the present state needs nothing outside
+/// its declaration ([`Entry::RodForce`]); for any other effect, the equations of plant or channels have the property that it sets.
+#[derive(Debug, Clone, Copy)]
+enum Entry {
+    /// Sets properties of the plant.
+    Plant(fn(&mut Plant, f64)),
+    /// Sets properties of the measurement chain.
+    Channels(fn(&mut Channels, f64)),
+    /// Adds a force to the rod force, with the arguments of [`AddedForces::at`] after the size. Size 0 adds none.
+    RodForce(fn(f64, &PlantState, f64, f64) -> f64),
+}
+
+/// Greatest number of effects.
+const MOST_EFFECTS: usize = 32;
+
+const _: () = assert!(EFFECTS.len() <= MOST_EFFECTS);
+
+/// Forces that injected effects add to the rod force. By default there are none.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct AddedForces {
+    /// Sizes of the effects, in the order of [`EFFECTS`]; 0 without the effect.
+    sizes: [f64; MOST_EFFECTS],
+}
+
+impl AddedForces {
+    /// Their sum in newtons at `state`, displacement `x_m` and velocity `v_m_s`.
+    pub(super) fn at(&self, state: &PlantState, x_m: f64, v_m_s: f64) -> f64 {
+        EFFECTS.iter().zip(self.sizes).fold(0.0, |sum, (effect, size)| match effect.entry {
+            Entry::RodForce(force_n) if size != 0.0 => sum + force_n(size, state, x_m, v_m_s),
+            Entry::RodForce(_) | Entry::Plant(_) | Entry::Channels(_) => sum,
+        })
+    }
 }
 
 /// Ratio of the force at rest to the stiffness of a gas spring, in metres: 500 N for 20 kN/m.
@@ -37,7 +72,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 0.1),
         typical: 0.012,
         what: "lag of the coil, for rise and fall (default plant: 0.012)",
-        apply: |plant, _, size| (plant.coil_rise_s, plant.coil_fall_s) = (size, size),
+        entry: Entry::Plant(|plant, size| (plant.coil_rise_s, plant.coil_fall_s) = (size, size)),
     },
     Effect {
         id: "remanence",
@@ -45,7 +80,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 1.0),
         typical: 0.15,
         what: "play of the core's magnetisation, to either side",
-        apply: |plant, _, size| plant.remanence_a = size,
+        entry: Entry::Plant(|plant, size| plant.remanence_a = size),
     },
     Effect {
         id: "thermal_fade",
@@ -53,7 +88,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (-0.02, 0.02),
         typical: -0.004,
         what: "change of yield force and damping with temperature (default plant: -0.002)",
-        apply: |plant, _, size| (plant.yield_fade_per_k, plant.viscous_fade_per_k) = (size, size),
+        entry: Entry::Plant(|plant, size| (plant.yield_fade_per_k, plant.viscous_fade_per_k) = (size, size)),
     },
     Effect {
         id: "gas_spring",
@@ -61,9 +96,9 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 5e4),
         typical: 6e3,
         what: "stiffness of the gas; its force at rest is 0.025 m times that",
-        apply: |plant, _, size| {
+        entry: Entry::Plant(|plant, size| {
             (plant.gas_stiffness_n_m, plant.gas_force_n) = (size, GAS_STROKE_M * size);
-        },
+        }),
     },
     Effect {
         id: "inertia",
@@ -71,7 +106,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 20.0),
         typical: 2.5,
         what: "mass that moves with the load cell",
-        apply: |plant, _, size| plant.mass_kg = size,
+        entry: Entry::Plant(|plant, size| plant.mass_kg = size),
     },
     Effect {
         id: "friction",
@@ -79,7 +114,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 1000.0),
         typical: 80.0,
         what: "Coulomb friction of the seals",
-        apply: |plant, _, size| plant.friction_n = size,
+        entry: Entry::Plant(|plant, size| plant.friction_n = size),
     },
     Effect {
         id: "asymmetry",
@@ -87,7 +122,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (-0.4, 0.4),
         typical: 0.15,
         what: "share by which the valve is stiffer in extension, and softer in compression",
-        apply: |plant, _, size| plant.asymmetry = size,
+        entry: Entry::Plant(|plant, size| plant.asymmetry = size),
     },
     Effect {
         id: "force_lag",
@@ -95,7 +130,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 0.1),
         typical: 3e-3,
         what: "first-order lag of the rod force",
-        apply: |plant, _, size| plant.force_lag_s = size,
+        entry: Entry::Plant(|plant, size| plant.force_lag_s = size),
     },
     Effect {
         id: "sensor_delay",
@@ -103,7 +138,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (-0.1, 0.1),
         typical: 3e-3,
         what: "time by which the force channel is late; negative for early",
-        apply: |_, channels, size| channels.force_delay_s = size,
+        entry: Entry::Channels(|channels, size| channels.force_delay_s = size),
     },
     Effect {
         id: "deadzone",
@@ -111,7 +146,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 0.01),
         typical: 3e-4,
         what: "free play between rod and valve",
-        apply: |plant, _, size| plant.free_play_m = size,
+        entry: Entry::Plant(|plant, size| plant.free_play_m = size),
     },
     Effect {
         id: "end_stop",
@@ -119,7 +154,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 0.1),
         typical: 0.014,
         what: "displacement beyond which end stops of 200 kN/m push back; 0 for none",
-        apply: |plant, _, size| plant.end_stop_m = if size > 0.0 { size } else { f64::INFINITY },
+        entry: Entry::Plant(|plant, size| plant.end_stop_m = if size > 0.0 { size } else { f64::INFINITY }),
     },
     Effect {
         id: "load_cell_drift",
@@ -127,7 +162,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (-10.0, 10.0),
         typical: 0.2,
         what: "drift of the load cell",
-        apply: |_, channels, size| channels.force_drift_n_s = size,
+        entry: Entry::Channels(|channels, size| channels.force_drift_n_s = size),
     },
     Effect {
         id: "position_dependence",
@@ -135,7 +170,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (-20.0, 20.0),
         typical: 5.0,
         what: "growth of the valve's force with displacement",
-        apply: |plant, _, size| plant.position_per_m = size,
+        entry: Entry::Plant(|plant, size| plant.position_per_m = size),
     },
     Effect {
         id: "velocity_saturation",
@@ -143,7 +178,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (-2000.0, 2e4),
         typical: 3000.0,
         what: "added force proportional to v |v|",
-        apply: |plant, _, size| plant.quadratic_n_s2_m2 = size,
+        entry: Entry::RodForce(|size, _, _, v| size * v * v.abs()),
     },
     Effect {
         id: "anti_alias_mismatch",
@@ -151,9 +186,9 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 0.1),
         typical: 3e-3,
         what: "delay of the force channel's own low-pass (second order)",
-        apply: |_, channels, size| {
+        entry: Entry::Channels(|channels, size| {
             channels.force_filter = (size > 0.0).then(|| SecondOrder::with_delay_s(size));
-        },
+        }),
     },
     Effect {
         id: "fluid_lag",
@@ -161,7 +196,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 0.1),
         typical: 0.01,
         what: "lag of the fluid behind the core, beyond the coil's",
-        apply: |plant, _, size| plant.fluid_lag_s = size,
+        entry: Entry::Plant(|plant, size| plant.fluid_lag_s = size),
     },
     Effect {
         id: "series_spring",
@@ -169,13 +204,13 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 1e-5),
         typical: 2e-7,
         what: "compliance in series with the valve (default plant and minimum: 1.7e-7)",
-        apply: |plant, _, size| {
+        entry: Entry::Plant(|plant, size| {
             let stiffest = match plant.valve_form {
                 ValveForm::BoucWen => Plant::default().series_stiffness_n_m,
                 ValveForm::QuasiStatic(_) => f64::INFINITY,
             };
             plant.series_stiffness_n_m = stiffest.min(1.0 / size);
-        },
+        }),
     },
     Effect {
         id: "warm_start",
@@ -183,7 +218,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (-40.0, 80.0),
         typical: 20.0,
         what: "temperature of the damper at the start, above room temperature",
-        apply: |plant, _, size| plant.start_c = plant.ambient_c + size,
+        entry: Entry::Plant(|plant, size| plant.start_c = plant.ambient_c + size),
     },
     Effect {
         id: "position_ripple",
@@ -191,7 +226,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 0.4),
         typical: 0.15,
         what: "ripple of the valve's force over displacement, as a share of it, with a period of 5 mm",
-        apply: |plant, _, size| plant.position_ripple = size,
+        entry: Entry::Plant(|plant, size| plant.position_ripple = size),
     },
     Effect {
         id: "force_loss",
@@ -199,7 +234,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 0.9),
         typical: 0.15,
         what: "share of the force that is lost from the middle of the run on",
-        apply: |plant, _, size| plant.force_loss = size,
+        entry: Entry::Plant(|plant, size| plant.force_loss = size),
     },
     Effect {
         id: "mains_hum",
@@ -207,7 +242,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 500.0),
         typical: 30.0,
         what: "amplitude of 50 Hz mains hum in the force channel",
-        apply: |_, channels, size| channels.force_hum_n = size,
+        entry: Entry::Channels(|channels, size| channels.force_hum_n = size),
     },
     Effect {
         id: "wear_step",
@@ -215,7 +250,7 @@ pub const EFFECTS: &[Effect] = &[
         range: (0.0, 0.9),
         typical: 0.25,
         what: "share of the yield force lost by wear from a third of the run on",
-        apply: |plant, _, size| plant.wear = size,
+        entry: Entry::Plant(|plant, size| plant.wear = size),
     },
 ];
 
@@ -225,7 +260,7 @@ pub const EFFECTS: &[Effect] = &[
 /// [`RigError::UnknownInjection`]; [`RigError::InjectionSize`]; [`Error::OutOfRange`] if the plant cannot
 /// be integrated with it.
 pub fn inject(id: &str, size: f64, plant: &mut Plant, channels: &mut Channels) -> Result<(), Error> {
-    let Some(effect) = EFFECTS.iter().find(|effect| effect.id == id) else {
+    let Some((place, effect)) = EFFECTS.iter().enumerate().find(|(_, effect)| effect.id == id) else {
         let known: Vec<&str> = EFFECTS.iter().map(|effect| effect.id).collect();
         return Err(RigError::UnknownInjection { id: id.to_owned(), known }.into());
     };
@@ -234,7 +269,11 @@ pub fn inject(id: &str, size: f64, plant: &mut Plant, channels: &mut Channels) -
         let (id, unit) = (effect.id, effect.unit);
         return Err(RigError::InjectionSize { id, size, unit, range: [low, high] }.into());
     }
-    (effect.apply)(plant, channels, size);
+    match effect.entry {
+        Entry::Plant(set) => set(plant, size),
+        Entry::Channels(set) => set(channels, size),
+        Entry::RodForce(_) => plant.added_forces.sizes[place] = size,
+    }
     plant.check()?;
     channels.check()
 }

@@ -4,7 +4,7 @@
 //! valve     Fv = ks (x - s) = c1 y'                                     (0 while |x - s| < g/2)
 //!           w  = s' - y' = (Fv - a z - k0 (s - y)) / c0
 //!           z' = w - |w| z |z|^(n-1) (1 - b) / d^n - b w |z|^n / d^n,        a = Fy / d
-//! rod       Fr = Fv + f0 + kg x + Fc tanh(v / vs) + q v |v| + m v' + ke max(0, |x| - xe) sign x
+//! rod       Fr = Fv + f0 + kg x + Fc tanh(v / vs) + added + m v' + ke max(0, |x| - xe) sign x
 //!           tf F' = Fr - F
 //! coil      td i_d' = i_c - i_d,       tau i_e' = i_d - i_e    (tau: rise when i_d > i_e, else fall)
 //! core      i_m follows i_e with a play of +-w;      fluid     tl i' = i_m - i
@@ -21,6 +21,7 @@
 //! | z | hysteretic displacement (m), within -d..d |
 //! | F | rod force (N), positive in tension |
 //! | i_c, i_d, i_e, i_m, i | current (A): command, driver (measured), after eddy currents, core, effective in the fluid |
+//! | added | forces that injected effects add ([`super::inject`]), for example a quadratic damping (N) |
 //! | T | temperature of fluid and case, as one thermal mass (°C) |
 //!
 //! Source: Spencer et al. 1997 (thesis 2.2). In its symbols, with A = 1: alpha = Fy/d, beta = b/d^n, gamma = (1 - b)/d^n, so z
@@ -31,6 +32,7 @@
 //! ([`super::inject`]).
 //! See `[spencer1996]` in the bibliography (node/docs/guide/bibliography.md), equation 2.2 of the thesis.
 
+use super::inject::AddedForces;
 use super::integrate::{Integrator, Stroke};
 use super::quasi_static::QuasiStatic;
 use super::response::Response;
@@ -169,8 +171,8 @@ pub struct Plant {
     pub position_per_m: f64,
     /// Free play g between rod and valve, in metres.
     pub free_play_m: f64,
-    /// Coefficient q of the quadratic damping, in N·s²/m².
-    pub quadratic_n_s2_m2: f64,
+    /// Forces added to the rod force by injected effects, such as the quadratic damping.
+    pub added_forces: AddedForces,
     /// Mass m that moves with the load cell, in kilograms.
     pub mass_kg: f64,
     /// Displacement xe at which the end stops begin, in metres; infinite without end stops.
@@ -219,7 +221,7 @@ impl Default for Plant {
             asymmetry: 0.0,
             position_per_m: 0.0,
             free_play_m: 0.0,
-            quadratic_n_s2_m2: 0.0,
+            added_forces: AddedForces::default(),
             mass_kg: 0.0,
             end_stop_m: f64::INFINITY,
             end_stop_n_m: 2e5,
@@ -357,7 +359,6 @@ impl Plant {
             ("heat_transfer_w_k", self.heat_transfer_w_k),
             ("coil_ohm", self.coil_ohm),
             ("position_per_m", self.position_per_m),
-            ("quadratic_n_s2_m2", self.quadratic_n_s2_m2),
         ] {
             Error::check(name, value, "a finite number", |_| true)?;
         }
@@ -430,7 +431,7 @@ impl Plant {
             + self.gas_force_n
             + self.gas_stiffness_n_m * x_m
             + self.friction_n * (v_m_s / self.friction_velocity_m_s).tanh()
-            + self.quadratic_n_s2_m2 * v_m_s * v_m_s.abs()
+            + self.added_forces.at(state, x_m, v_m_s)
             + self.end_stop_n_m * over * x_m.signum()
     }
 
