@@ -97,8 +97,8 @@ pub enum Refusal {
     },
     /// A parameter was found at the end of its physical range, or beyond it.
     #[error(
-        "{parameter} is {value:.4e}, at or beyond the end of its physical range of {:.4e} to {:.4e}",
-        range[0], range[1]
+        "{parameter} is {}, at or beyond the end of its physical range of {} to {}",
+        five_digits(*value), five_digits(range[0]), five_digits(range[1])
     )]
     AtEndOfRange {
         /// Name of the parameter, which ends in the unit.
@@ -109,7 +109,7 @@ pub enum Refusal {
         range: [f64; 2],
     },
     /// The interval of a parameter includes the value at which the effect is absent.
-    #[error("the 95 % interval of {parameter}, {:.4e} to {:.4e}, includes zero", ci95[0], ci95[1])]
+    #[error("the 95 % interval of {parameter}, {} to {}, includes zero", five_digits(ci95[0]), five_digits(ci95[1]))]
     IncludesZero {
         /// Name of the parameter, which ends in the unit.
         parameter: &'static str,
@@ -143,6 +143,16 @@ pub enum Refusal {
     BaseInadequate(BaseFault),
 }
 
+/// `value` to five significant digits, without trailing zeros. Numbers that would need many zeros are written as powers of ten.
+fn five_digits(value: f64) -> String {
+    let rounded: f64 = format!("{value:.4e}").parse().unwrap_or(value);
+    if rounded == 0.0 || !rounded.is_finite() || (1e-3..1e5).contains(&rounded.abs()) {
+        rounded.to_string()
+    } else {
+        format!("{rounded:e}")
+    }
+}
+
 /// Why the base is inadequate: another structure fits better on the validation runs without any effect. Each share is a squared error on
 /// the validation runs, divided by the squared error of the base alone.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize)]
@@ -162,4 +172,30 @@ pub struct BaseFault {
     pub one_effect_share: f64,
     /// Share of the base with all effects found.
     pub all_effects_share: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_five_digits_and_no_zeros_that_say_nothing() {
+        let cases = [
+            (0.0, "0"),
+            (0.015, "0.015"),
+            (-1234.567, "-1234.6"),
+            (2e-7, "2e-7"),
+            (5e5, "5e5"),
+            (0.1 + 0.2, "0.3"),
+            (f64::INFINITY, "inf"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(five_digits(value), text);
+        }
+        let refusal = Refusal::AtEndOfRange { parameter: "tau_s", value: 0.015, range: [0.0, 0.015] };
+        assert_eq!(
+            refusal.to_string(),
+            "tau_s is 0.015, at or beyond the end of its physical range of 0 to 0.015"
+        );
+    }
 }

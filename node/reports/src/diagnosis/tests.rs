@@ -311,7 +311,7 @@ fn a_report_shows_the_result_and_loads_nothing_from_the_network() {
         "These runs cannot tell it from force_lag",
         "motion over a wide band with the current held",
         "validation run confirm &lt;2&gt;.csv gets worse with it (+12.0 % squared error)",
-        "tau_s is 1.5000e-2, at or beyond the end of its physical range",
+        "tau_s is 0.015, at or beyond the end of its physical range",
         "run a.csv has no case_temp_c",
         "coherence with velocity",
         "correlation with slope of the current, directed",
