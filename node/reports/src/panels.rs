@@ -24,17 +24,18 @@ pub(super) fn with_breaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     broken
 }
 
-/// Bounds of four equally wide levels of the drive.
-fn level_bounds(points: &[ResidualPoint]) -> [f64; 5] {
+/// Bounds of four equally wide levels of the drive. A current below zero is noise, so the levels start at zero; a voltage may be negative.
+fn level_bounds(points: &[ResidualPoint], drive: DriveKind) -> [f64; 5] {
     let (low, high) =
         points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.drive), b.max(p.drive)));
-    let (low, high) = if low < high { (low.max(0.0), high) } else { (0.0, 1.0) };
+    let least = if drive == DriveKind::CoilCurrent { low.max(0.0) } else { low };
+    let (low, high) = if least < high { (least, high) } else { (0.0, 1.0) };
     [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| low + share * (high - low))
 }
 
 pub(super) fn force_over_velocity(points: &[ResidualPoint], drive: DriveKind) -> Markup {
     let (what, unit) = drive_in_words(drive);
-    let bounds = level_bounds(points);
+    let bounds = level_bounds(points, drive);
     let bound_n =
         points.iter().map(|p| p.measured_n.abs().max(p.predicted_n.abs())).fold(1.0, f64::max) * 1.05;
     let bound_v = points.iter().map(|p| p.velocity_m_s.abs()).fold(1e-3, f64::max) * 1.05;
@@ -103,5 +104,26 @@ const fn drive_in_words(drive: DriveKind) -> (&'static str, &'static str) {
     match drive {
         DriveKind::CoilCurrent => ("coil current", "A"),
         DriveKind::CommandVoltage => ("command voltage", "V"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_of_a_current_start_at_zero_and_those_of_a_voltage_may_be_negative() {
+        let points = [-4.0, 0.0, 4.0].map(|drive| ResidualPoint {
+            displacement_m: 0.0,
+            velocity_m_s: 0.0,
+            acceleration_m_s2: 0.0,
+            drive,
+            drive_slope: 0.0,
+            measured_n: 0.0,
+            predicted_n: 0.0,
+            residual_n: 0.0,
+        });
+        assert_eq!(level_bounds(&points, DriveKind::CoilCurrent), [0.0, 1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(level_bounds(&points, DriveKind::CommandVoltage), [-4.0, -2.0, 0.0, 2.0, 4.0]);
     }
 }
