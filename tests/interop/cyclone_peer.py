@@ -90,6 +90,9 @@ class ForceEstimate(IdlStruct, typename=OURS + "ForceEstimate_"):
     validity: uint8
     reasons: uint32
     input_age: float64
+    band_low: float64
+    band_high: float64
+    band_calibrated: bool
 
 
 @dataclass
