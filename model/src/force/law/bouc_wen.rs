@@ -174,7 +174,8 @@ impl<D: Real> Damper<D> {
         let (magnitude, loading) = match z.re() {
             re if re > 0.0 => (z, slip.re() >= 0.0),
             re if re < 0.0 => (-z, slip.re() < 0.0),
-            // z = 0: z' multiplies the power by |z|, so its value does not matter.
+            // z = 0: z' multiplies the power by |z|, so its value does not matter there. It enters the matrix W of the step, where any
+            // value keeps the order of the scheme; for n = 1 the power is 1, and 0 omits one term of W.
             _ => return (D::from(0.0), self.beta),
         };
         let power = ((self.n - D::from(1.0)) * magnitude.ln()).exp();
