@@ -161,7 +161,7 @@ impl Control {
             Transition::Deactivate | Transition::Shutdown => self.send([PipelineCommand::End])?,
         };
         if let Some((place, counters)) = place {
-            await_executed(place, &counters)?;
+            await_executed(place, &counters, "carried out the transition")?;
         }
         if matches!(to, LifecycleState::Unconfigured | LifecycleState::Finalized) {
             state.models = None;
@@ -255,7 +255,8 @@ impl Control {
             None
         };
         (state.config, state.models) = (config, Some(models));
-        let executed = place.map_or(Ok(()), |(place, counters)| await_executed(place, &counters));
+        let executed = place
+            .map_or(Ok(()), |(place, counters)| await_executed(place, &counters, "swapped the model in"));
         // Also after a timeout, because the thread takes the model as soon as it continues. The names change before another
         // model can be loaded, so they are always those of the last one.
         self.runs_on(Some(&models), now.clone());
@@ -368,12 +369,13 @@ fn setup(config: &Config, models: &Models) -> Result<(Settings, PipelineSetup), 
     Ok((settings, PipelineSetup::new(*models, settings)?))
 }
 
-fn await_executed(place: u64, counters: &EstimatorCounters) -> Result<(), NodeError> {
+/// Waits until the estimating thread has executed the command at `place`. `what` completes "the estimating thread has not ...".
+fn await_executed(place: u64, counters: &EstimatorCounters, what: &str) -> Result<(), NodeError> {
     let deadline = Instant::now() + SWAP_TIMEOUT;
     while counters.executed.load(Ordering::Acquire) < place {
         if Instant::now() >= deadline {
             return Err(NodeError::Failed(format!(
-                "the estimating thread has not swapped the model in after {} s; see the log, and restart the node",
+                "the estimating thread has not {what} after {} s; see the log, and restart the node",
                 SWAP_TIMEOUT.as_secs()
             )));
         }
@@ -469,6 +471,15 @@ mod tests {
         control.change_state(Transition::Activate).expect("a model");
         control.attach(Estimator::hung());
         control
+    }
+
+    #[test]
+    fn a_transition_that_the_thread_does_not_execute_is_reported_as_such() {
+        let control = configured();
+        control.attach(Estimator::hung());
+        let error = control.change_state(Transition::Activate).expect_err("nobody executes it");
+        assert!(error.to_string().contains("has not carried out the transition after"), "{error}");
+        control.detach().expect("it was attached").stop().expect("no panic");
     }
 
     #[test]
