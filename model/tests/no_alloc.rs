@@ -7,7 +7,7 @@
 mod common;
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
-use common::{calibrated, preset, samples};
+use common::{calibrated, maxwell_slip, preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, ForceLaw, FuzzySets, Inputs, LawModel, LawState, Membership};
@@ -29,7 +29,8 @@ fn the_hot_path_does_not_allocate() {
     let both =
         Models::alone(preset(BEST_FUZZY_TANH)).with_seeded(preset(BEST_ARX)).expect("both want a current");
     let anfis = Models::alone(preset(BEST_ANFIS));
-    for mut models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope), anfis] {
+    let slips = Models::alone(maxwell_slip());
+    for mut models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope), anfis, slips] {
         // The expected error is so small, and the blocks are so short, that the alarm is raised between two of the gaps below.
         models.free.expected.free_run_rsse_n = Some(1.0);
         // The models with a seeded channel get uncertainty tables.
@@ -145,9 +146,16 @@ fn no_command_allocates() {
     let effect = |effect, parameters: &[f64]| EffectModel::new(effect, parameters).expect("within range");
     let (lag, gas) = (effect(Effect::CoilLag, &[0.012]), effect(Effect::GasSpring, &[1e3]));
     let spring = effect(Effect::SeriesSpring, &[1e-7]);
-    for effects in [vec![], vec![lag, gas], vec![lag, spring]] {
-        let effects = Effects::new(&effects).expect("few enough");
-        let model = Model { effects, ..preset(BEST_FUZZY_TANH) };
+    let tanh = preset(BEST_FUZZY_TANH);
+    let models = [
+        (tanh, vec![]),
+        (tanh, vec![lag, gas]),
+        (tanh, vec![lag, spring]),
+        (maxwell_slip(), vec![]),
+        (maxwell_slip(), vec![lag, spring]),
+    ];
+    for (model, effects) in models {
+        let model = Model { effects: Effects::new(&effects).expect("few enough"), ..model };
         for method in Method::ALL {
             let controller = InverseController::with_method(&model, Limits::default(), method);
             let Ok(mut controller) = controller else {

@@ -51,7 +51,8 @@ impl Space {
     /// The space around `model`, with the base's coefficients if `base_moves`.
     ///
     /// # Errors
-    /// [`DiagnosisError::BaseNotPhysical`] if `base_moves` is set and the base has no coefficients that can be refitted here.
+    /// [`DiagnosisError::BaseNotPhysical`] or [`DiagnosisError::BaseNotDetermined`] if `base_moves` is set and the base has no
+    /// coefficients that can be refitted here.
     pub(super) fn new(model: &Augmented, scales: Scales, base_moves: bool) -> Result<Self, Error> {
         let coefficients = if base_moves { coefficients(model.force(), &scales)? } else { Vec::new() };
         Ok(Self { base: *model.force(), coefficients, effects: model.effects().as_slice().to_vec(), scales })
@@ -138,6 +139,11 @@ fn coefficients(base: &ForceModel, scales: &Scales) -> Result<Vec<Coefficient>, 
             Ok(fuzzy.functions().iter().flat_map(|f| of_tanh(f, scales)).collect())
         }
         ForceModel::Law(law) => Ok(of_law(law, scales)),
+        ForceModel::MaxwellSlip(_) => Err(DiagnosisError::BaseNotDetermined {
+            model: base.name(),
+            coefficients: base.parameter_count(),
+        }
+        .into()),
         _ => {
             let laws = ForceLaw::ALL.map(ForceLaw::name).to_vec();
             Err(DiagnosisError::BaseNotPhysical { model: base.name(), laws }.into())
@@ -207,8 +213,28 @@ pub(super) fn without_effect(model: &Augmented, index: usize) -> Result<Augmente
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::force::{FuzzySets, Membership};
+    use crate::force::{FuzzySets, MaxwellSlip, Membership, SlipFunction, SlipGrid};
     use crate::sample::DriveKind;
+
+    #[test]
+    fn a_base_with_bristles_is_refused_unless_it_is_not_refitted() -> Result<(), Error> {
+        let grid = SlipGrid::new([0.01, 0.03, 0.1], [5e-4, 1e-3, 2e-3, 4e-3, 8e-3])?;
+        let force = ForceModel::MaxwellSlip(MaxwellSlip::new(grid, None, &[SlipFunction::default()], 0.0)?);
+        let base = Augmented::new(force, Effects::NONE)?;
+        let scales = Scales {
+            force_n: 1000.0,
+            displacement_m: 0.015,
+            velocity_m_s: 0.2,
+            acceleration_m_s2: 5.0,
+            frequency_1_s: 20.0,
+            drive: 2.0,
+        };
+        let refused = Space::new(&base, scales, true).map(|_| ()).expect_err("refused").to_string();
+        assert!(refused.contains("the maxwell-slip model cannot be refitted in a diagnosis"), "{refused}");
+        assert!(refused.contains("15 coefficients"), "{refused}");
+        assert!(Space::new(&base, scales, false)?.values().is_empty(), "paired runs do not refit it");
+        Ok(())
+    }
 
     #[test]
     fn a_flat_tanh_function_gets_the_median_steepness_and_keeps_its_slope_at_rest() -> Result<(), Error> {

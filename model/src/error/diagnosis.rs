@@ -85,6 +85,17 @@ pub enum DiagnosisError {
         /// Names of the force laws.
         laws: Vec<&'static str>,
     },
+    /// The runs do not determine all coefficients of the base, so it cannot be refitted together with an effect.
+    #[error(
+        "the {model} model cannot be refitted in a diagnosis: it has {coefficients} coefficients, and the offsets of its sets cannot be \
+         distinguished from the offsets of the runs. Use fuzzy-tanh or a force law as base, or give reference runs with the same excitation"
+    )]
+    BaseNotDetermined {
+        /// Name of the base.
+        model: &'static str,
+        /// Number of its coefficients.
+        coefficients: usize,
+    },
     /// The base cannot be simulated on the training runs.
     #[error(
         "the simulation of the base model does not stay finite on the training runs: identify it on them first"

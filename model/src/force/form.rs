@@ -6,7 +6,7 @@ pub enum Form {
     /// The drive does not enter.
     Passive,
     /// The structure's own form: drive terms in ARX, polynomials of the parameters in a force law, fuzzy sets
-    /// in fuzzy-tanh.
+    /// in fuzzy-tanh and maxwell-slip.
     SemiActive,
     /// Fuzzy sets over the drive, each with a copy of the structure, for structures that have no sets of
     /// their own.

@@ -11,6 +11,7 @@ mod history;
 pub mod law;
 mod lazy;
 mod lpv;
+mod maxwell_slip;
 mod network;
 mod phase;
 mod sets;
@@ -26,6 +27,10 @@ pub use history::{DEPTH, History};
 pub use law::{ForceLaw, LawModel, LawState, Sensitivity};
 pub use lazy::{Lazy, LazyMetric, LazyPoint, MAX_NEIGHBOURS, MAX_POINTS, MIN_NEIGHBOURS};
 pub use lpv::{LPV_REGRESSORS, Lpv};
+pub use maxwell_slip::{
+    MaxwellSlip, SLIP_BRISTLES, SLIP_COEFFICIENTS, SLIP_KNOTS, SLIP_SEGMENTS, SlipFunction, SlipGrid,
+    SlipState,
+};
 pub use network::{
     MAX_NETWORK_HIDDEN, MAX_NETWORK_INPUTS, Network, NetworkScaling, NetworkStructure, Normalisation,
 };
@@ -60,6 +65,8 @@ pub enum ForceModel {
     Lazy(Lazy),
     /// A force law with parameters that depend on the drive.
     Law(LawModel),
+    /// Fuzzy sets over the drive, with a damping curve and slipping bristles per set.
+    MaxwellSlip(MaxwellSlip),
     /// Fuzzy rules on a grid: ANFIS and its relatives.
     Tsk(Tsk),
 }
@@ -93,6 +100,7 @@ pub(crate) struct Way {
 pub struct FreeRun {
     history: History,
     law: LawState,
+    slip: SlipState,
 }
 
 impl ForceModel {
@@ -106,6 +114,7 @@ impl ForceModel {
             Self::FuzzyTanh(_) => "fuzzy-tanh",
             Self::Lazy(_) => "boada",
             Self::Law(model) => model.law().name(),
+            Self::MaxwellSlip(_) => "maxwell-slip",
             Self::Tsk(model) => model.kind().name(),
         }
     }
@@ -120,6 +129,7 @@ impl ForceModel {
             Self::Lazy(lazy) => lazy.drive(),
             Self::FuzzyTanh(fuzzy) => Some(fuzzy.drive()),
             Self::Law(model) => model.dependence().drive(),
+            Self::MaxwellSlip(model) => model.drive(),
             Self::Tsk(model) => model.drive(),
         }
     }
@@ -134,6 +144,7 @@ impl ForceModel {
             Self::Lazy(lazy) => lazy.parameter_count(),
             Self::FuzzyTanh(fuzzy) => fuzzy.parameter_count(),
             Self::Law(model) => model.parameter_count(),
+            Self::MaxwellSlip(model) => model.parameter_count(),
             Self::Tsk(model) => model.parameter_count(),
         }
     }
@@ -148,6 +159,7 @@ impl ForceModel {
             Self::Lazy(lazy) => lazy.force_offset_n(),
             Self::FuzzyTanh(fuzzy) => fuzzy.force_offset_n(),
             Self::Law(model) => model.force_offset_n(),
+            Self::MaxwellSlip(model) => model.force_offset_n(),
             Self::Tsk(model) => model.force_offset_n(),
         }
     }
@@ -162,6 +174,7 @@ impl ForceModel {
             Self::Lazy(lazy) => Self::Lazy(lazy.with_force_offset_n(force_offset_n)),
             Self::FuzzyTanh(fuzzy) => Self::FuzzyTanh(fuzzy.with_force_offset_n(force_offset_n)),
             Self::Law(model) => Self::Law(model.with_force_offset_n(force_offset_n)),
+            Self::MaxwellSlip(model) => Self::MaxwellSlip(model.with_force_offset_n(force_offset_n)),
             Self::Tsk(model) => Self::Tsk(model.with_force_offset_n(force_offset_n)),
         }
     }
@@ -174,7 +187,7 @@ impl ForceModel {
             Self::Arx(arx) => Some(arx.sample_period()),
             Self::Lpv(lpv) => Some(lpv.sample_period()),
             Self::Network(network) => Some(network.sample_period()),
-            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::MaxwellSlip(_) | Self::Lazy(_) | Self::Tsk(_) => None,
         }
     }
 
@@ -182,7 +195,7 @@ impl ForceModel {
     #[must_use]
     pub const fn remembers(&self) -> bool {
         match self {
-            Self::Arx(_) | Self::Lpv(_) | Self::Network(_) => true,
+            Self::Arx(_) | Self::Lpv(_) | Self::Network(_) | Self::MaxwellSlip(_) => true,
             Self::Law(model) => model.law().has_memory(),
             Self::FuzzyTanh(_) | Self::Lazy(_) | Self::Tsk(_) => false,
         }
@@ -197,6 +210,7 @@ impl ForceModel {
             Self::Lpv(_)
             | Self::FuzzyTanh(_)
             | Self::Law(_)
+            | Self::MaxwellSlip(_)
             | Self::Network(_)
             | Self::Lazy(_)
             | Self::Tsk(_) => true,
@@ -212,7 +226,7 @@ impl ForceModel {
             Self::Arx(arx) => arx.predict_n(history),
             Self::Lpv(lpv) => lpv.predict_n(history),
             Self::Network(network) => network.predict_n(history),
-            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::MaxwellSlip(_) | Self::Lazy(_) | Self::Tsk(_) => None,
         }
     }
 
@@ -235,6 +249,7 @@ impl ForceModel {
             }
             Self::Lazy(lazy) => Some(lazy.force_n(inputs.displacement_m, inputs.velocity_m_s, inputs.drive)),
             Self::Law(model) => Some(model.force_n(inputs, &mut state.law)),
+            Self::MaxwellSlip(model) => Some(model.force_n(inputs, &mut state.slip)),
             Self::Tsk(model) => Some(model.force_n(inputs)),
             Self::Arx(_) | Self::Lpv(_) | Self::Network(_) => {
                 state.history.push_inputs(inputs);

@@ -6,7 +6,7 @@ use super::levels::Memberships;
 use super::report::{self, Details, Identified, names_of_copies};
 use super::spec::{ModelSpec, Structure};
 use super::tsk::{TskOptions, fit_tsk};
-use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, network, tsk};
+use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, maxwell_slip, network, tsk};
 use crate::condition::Conditioning;
 use crate::effect::Effects;
 use crate::error::{Error, IdentifyError};
@@ -34,6 +34,7 @@ pub(super) fn fit(
         Structure::Savaresi => job.arx(SAVARESI_LAGS)?,
         Structure::Lpv => job.lpv()?,
         Structure::FuzzyTanh => job.fuzzy_tanh()?,
+        Structure::MaxwellSlip => job.maxwell_slip()?,
         Structure::Law(law) => job.law(law)?,
         Structure::Tsk(kind) => job.tsk(kind)?,
         Structure::Boada => job.lazy()?,
@@ -63,6 +64,10 @@ pub(super) fn sample_esr(
         (Structure::Law(law), _) => {
             let (dependence, _) = job.dependence()?;
             law::sample_esr(datasets, law, dependence, options.seed, watch)
+        }
+        (Structure::MaxwellSlip, drive) => {
+            let memberships = drive.map(|kind| job.memberships(kind)).transpose()?;
+            maxwell_slip::mean_esr(datasets, memberships.as_ref(), watch)
         }
         (Structure::Tsk(kind), drive) => tsk::grid_esr(datasets, kind, drive, watch),
         (_, Some(kind)) => fuzzy_tanh::sample_esr(datasets, &job.memberships(kind)?, options.seed, watch),
@@ -112,6 +117,14 @@ impl Job<'_> {
         };
         let details = Details::of(&fitted.found, &names).with_memberships(Some(fitted.memberships));
         Ok((ForceModel::FuzzyTanh(fitted.model), fitted.found.offsets_n, details))
+    }
+
+    fn maxwell_slip(&self) -> Result<Fitted, Error> {
+        let memberships = self.drive.map(|kind| self.memberships(kind)).transpose()?;
+        let fitted = maxwell_slip::fit(self.datasets, memberships.as_ref(), self.watch)?;
+        let details =
+            Details { converged: fitted.converged, ..Details::default() }.with_memberships(memberships);
+        Ok((ForceModel::MaxwellSlip(fitted.model), fitted.offsets_n, details))
     }
 
     fn law(&self, law: ForceLaw) -> Result<Fitted, Error> {

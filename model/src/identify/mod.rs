@@ -4,6 +4,7 @@
 //! ARX          F_k = phi_k . a + c_run                        linear: QR in panels, SVD, minimum norm
 //! fuzzy-tanh   F = sum_j w_j(i) f_j(x, v) + o_run             nonlinear: bounded Levenberg-Marquardt,
 //!              f = A1 tanh(A3 u) + A2 u,   u = v + kappa x    seeded random restarts
+//! maxwell-slip F = sum_j w_j(i) p_j . s_j + o_run             linear: normal equations, some p_j not negative
 //! TSK          F = sum_r w_r(x, v, a, i) f_r + o_run          hybrid learning: linear least squares for the
 //!                                                             conclusions, gradient steps for the memberships
 //! ```
@@ -47,7 +48,9 @@ mod lazy;
 pub mod least_squares;
 mod levels;
 mod lpv;
+mod maxwell_slip;
 mod network;
+mod nonnegative;
 mod offsets;
 mod options;
 mod phase;

@@ -19,6 +19,8 @@ pub enum Structure {
     Phase,
     /// Fuzzy sets over the drive, each with a tanh function (thesis 4.8).
     FuzzyTanh,
+    /// Fuzzy sets over the drive, each with a damping curve and slipping bristles.
+    MaxwellSlip,
     /// Recursive lazy learning.
     Boada,
     /// An autoregressive network.
@@ -40,7 +42,15 @@ impl Structure {
     /// All structures, in the order of the contract.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let mut all = vec![Self::Arx, Self::Savaresi, Self::Lpv, Self::Phase, Self::FuzzyTanh, Self::Boada];
+        let mut all = vec![
+            Self::Arx,
+            Self::Savaresi,
+            Self::Lpv,
+            Self::Phase,
+            Self::FuzzyTanh,
+            Self::MaxwellSlip,
+            Self::Boada,
+        ];
         all.extend(NetworkStructure::ALL.map(Self::Network));
         all.extend(ForceLaw::ALL.map(Self::Law));
         all.extend(TskKind::ALL.map(Self::Tsk));
@@ -56,6 +66,7 @@ impl Structure {
             Self::Lpv => "lpv",
             Self::Phase => "p",
             Self::FuzzyTanh => "fuzzy-tanh",
+            Self::MaxwellSlip => "maxwell-slip",
             Self::Boada => "boada",
             Self::Network(network) => network.name(),
             Self::Law(law) => law.name(),
@@ -73,9 +84,13 @@ impl Structure {
     #[must_use]
     pub const fn forms(self) -> &'static [Form] {
         match self {
-            Self::Arx | Self::Savaresi | Self::Phase | Self::Boada | Self::Network(_) | Self::Tsk(_) => {
-                &[Form::Passive, Form::SemiActive]
-            }
+            Self::Arx
+            | Self::Savaresi
+            | Self::Phase
+            | Self::MaxwellSlip
+            | Self::Boada
+            | Self::Network(_)
+            | Self::Tsk(_) => &[Form::Passive, Form::SemiActive],
             // The passive form of lpv is arx.
             Self::Lpv => &[Form::SemiActive, Form::Fuzzy],
             Self::FuzzyTanh => &[Form::SemiActive, Form::FreeFuzzy],
@@ -158,7 +173,11 @@ impl ModelSpec {
     /// True when the model has fuzzy sets over the drive whose place can be chosen.
     #[must_use]
     pub const fn has_sets(self) -> bool {
-        matches!(self.structure, Structure::FuzzyTanh) || matches!(self.form, Form::Fuzzy | Form::FreeFuzzy)
+        match (self.structure, self.form) {
+            (_, Form::Passive) => false,
+            (Structure::FuzzyTanh | Structure::MaxwellSlip, _) | (_, Form::Fuzzy | Form::FreeFuzzy) => true,
+            (_, Form::SemiActive) => false,
+        }
     }
 
     /// True when the model needs a drive.

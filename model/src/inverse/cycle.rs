@@ -16,7 +16,7 @@
 
 use super::shape::{Bounds, CASE_TEMP_C};
 use crate::effect::{Augmented, AugmentedState};
-use crate::force::{ForceModel, Inputs};
+use crate::force::Inputs;
 use crate::model::Model;
 use std::f64::consts::TAU;
 
@@ -72,17 +72,12 @@ impl Cycle {
         let half_m = (0.5 * (high_m - low_m)).max(1e-6);
         let fastest_m_s = fastest_m_s.max(1e-6);
         let steps = (TAU * half_m / fastest_m_s * rate_hz / POINTS as f64).ceil().clamp(STEPS[0], STEPS[1]);
-        let remembers = match &model.force {
-            ForceModel::Law(law) => law.law().has_memory(),
-            ForceModel::FuzzyTanh(_) | ForceModel::Lazy(_) | ForceModel::Tsk(_) => false,
-            ForceModel::Arx(_) | ForceModel::Lpv(_) | ForceModel::Network(_) => true,
-        };
         Self {
             middle_m: 0.5 * (low_m + high_m),
             half_m,
             fastest_m_s,
             steps: steps as usize,
-            remembers: remembers || !model.effects.is_empty(),
+            remembers: model.force.remembers() || !model.effects.is_empty(),
         }
     }
 

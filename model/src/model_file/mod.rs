@@ -28,6 +28,7 @@ mod fuzzy_tanh;
 mod law;
 mod lazy;
 mod lpv;
+mod maxwell_slip;
 mod memberships;
 mod network;
 mod tsk;
@@ -150,6 +151,7 @@ enum Parameters {
     Law(law::Parameters),
     Lazy(lazy::Parameters),
     Lpv(lpv::Parameters),
+    MaxwellSlip(maxwell_slip::Parameters),
     Network(network::Parameters),
     Tsk(tsk::Parameters),
 }
@@ -162,6 +164,7 @@ impl Parameters {
             ForceModel::Law(model) => Self::Law(law::Parameters::of(model)),
             ForceModel::Lazy(model) => Self::Lazy(lazy::Parameters::of(model)),
             ForceModel::Lpv(model) => Self::Lpv(lpv::Parameters::of(model)),
+            ForceModel::MaxwellSlip(model) => Self::MaxwellSlip(maxwell_slip::Parameters::of(model)),
             ForceModel::Network(model) => Self::Network(network::Parameters::of(model)),
             ForceModel::Tsk(model) => Self::Tsk(tsk::Parameters::of(model)),
         }
@@ -239,6 +242,7 @@ impl ModelFile {
             "savaresi" => ForceModel::Arx(arx::read(SAVARESI_LAGS, read.drive, &read.parameters)?),
             "fuzzy-tanh" => ForceModel::FuzzyTanh(fuzzy_tanh::read(read.drive, &read.parameters)?),
             "lpv" => ForceModel::Lpv(lpv::read(read.drive, &read.parameters)?),
+            "maxwell-slip" => ForceModel::MaxwellSlip(maxwell_slip::read(read.drive, &read.parameters)?),
             "boada" => ForceModel::Lazy(lazy::read(read.drive, &read.parameters)?),
             name => match (ForceLaw::named(name), TskKind::from_name(name), NetworkStructure::named(name)) {
                 (Some(law), _, _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
@@ -267,7 +271,7 @@ impl ModelFile {
 }
 
 fn unknown_model(name: &str) -> Error {
-    let mut known = vec!["arx", "savaresi", "lpv", "fuzzy-tanh", "boada"];
+    let mut known = vec!["arx", "savaresi", "lpv", "fuzzy-tanh", "maxwell-slip", "boada"];
     known.extend(ForceLaw::ALL.map(ForceLaw::name));
     known.extend(NetworkStructure::ALL.map(NetworkStructure::name));
     known.extend(TskKind::ALL.map(TskKind::name));

@@ -3,8 +3,8 @@
 use super::*;
 use crate::effect::{Effect, EffectModel, Effects};
 use crate::force::{
-    Arx, Dependence, FuzzySets, FuzzyTanh, Lazy, LazyMetric, LazyPoint, Lpv, Network, NetworkScaling,
-    Normalisation,
+    Arx, Dependence, FuzzySets, FuzzyTanh, Lazy, LazyMetric, LazyPoint, Lpv, MaxwellSlip, Network,
+    NetworkScaling, Normalisation, SlipFunction, SlipGrid,
 };
 use crate::preset;
 use crate::units::Second;
@@ -119,6 +119,23 @@ fn lpvs() -> Vec<ForceModel> {
     vec![of(polynomial), of(Dependence::Fuzzy(widths.expect("sets")))]
 }
 
+/// Maxwell-slip models over a current, over a voltage, and without a drive.
+fn slips() -> Vec<ForceModel> {
+    let sets = |drive| FuzzySets::with_widths(drive, &[0.0, 1.5, 2.0], &[0.5, 0.2, 0.1]).expect("sets");
+    let function = |k: u32| SlipFunction {
+        damping_slopes_n_s_m: std::array::from_fn(|j| (f64::from(k) + j as f64).sin().abs() * 900.0),
+        bristle_forces_n: std::array::from_fn(|j| (f64::from(k) - j as f64).sin().abs() * 90.0),
+        stiffness_n_m: -1e3 / f64::from(k + 3),
+        set_offset_n: 7.0 / f64::from(k + 3),
+    };
+    let of = |drive: Option<DriveKind>| {
+        let grid = SlipGrid::new([0.01, 0.03, 0.1], [5e-4, 1e-3, 2e-3, 4e-3, 8e-3]).expect("a grid");
+        let functions: Vec<SlipFunction> = (0..if drive.is_some() { 3 } else { 1 }).map(function).collect();
+        ForceModel::MaxwellSlip(MaxwellSlip::new(grid, drive.map(sets), &functions, -3.5).expect("a model"))
+    };
+    vec![of(Some(DriveKind::CoilCurrent)), of(Some(DriveKind::CommandVoltage)), of(None)]
+}
+
 /// A fuzzy-tanh model whose sets have different widths.
 fn of_unlike_widths() -> ForceModel {
     let ForceModel::FuzzyTanh(model) = file("thesis/fuzzy-tanh/rp3-cs").model.force else {
@@ -135,7 +152,8 @@ fn data_driven_models_are_bit_identical_after_write_and_read() {
         Arx::savaresi([1.6, -0.7], [4e3, -3e3], [250.0, 80.0], drive, Second(0.002), 9.0).expect("a model")
     };
     let arx = [None, Some((DriveKind::CoilCurrent, [30.0, -4.0]))].map(|d| ForceModel::Arx(savaresi(d)));
-    for force in networks().into_iter().chain(lazies()).chain(arx).chain(lpvs()).chain([of_unlike_widths()]) {
+    let data_driven = networks().into_iter().chain(lazies()).chain(arx).chain(lpvs()).chain(slips());
+    for force in data_driven.chain([of_unlike_widths()]) {
         let written = file_of(force);
         let text = written.to_toml().expect("writes");
         let read = ModelFile::from_toml(&text).unwrap_or_else(|e| panic!("{}: {e}\n{text}", force.name()));
@@ -148,6 +166,7 @@ fn an_error_in_a_data_driven_model_names_the_key() {
     let text = |force: ForceModel| file_of(force).to_toml().expect("writes");
     let (network, lazy) = (text(networks()[1]), text(lazies()[1]));
     let (lpv, widths) = (text(lpvs()[0]), text(of_unlike_widths()));
+    let (slip, passive) = (text(slips()[0]), text(slips()[2]));
     for (text, from, to, expected) in [
         (&network, "force_deviation_n = 410.0", "force_deviation_n = 0.0", "force_deviation_n is 0"),
         (&network, "force_deviation_n", "force_deviation_lbf", "did you mean force_deviation_n?"),
@@ -168,6 +187,12 @@ fn an_error_in_a_data_driven_model_names_the_key() {
         (&widths, "membership_sigma_a = [", "membership_sigma_a = [0.3, ", "membership_sigma_a has 8 values"),
         (&widths, "membership_sigma_a = [0.1", "membership_sigma_a = [0.0", "membership_sigma_a[0] is 0"),
         (&lazy, "current_scale_a", "voltage_scale_v", "current_scale_a and points_current_a"),
+        (&slip, "stiffness_n_m = [", "stiffness_n_m = [0.0, ", "parameters.stiffness_n_m has 4 values"),
+        (&slip, "bristle_forces_n = [[0.0", "bristle_forces_n = [[-1.0", "bristle_forces_n[0][0] is -1"),
+        (&slip, "knot_speeds_m_s = [0.01", "knot_speeds_m_s = [0.05", "knot_speeds_m_s[1] is 0.03"),
+        (&slip, "bristle_forces_n", "bristle_forces_lbf", "did you mean bristle_forces_n?"),
+        (&slip, "drive = \"current_a\"\n", "", "drive is absent"),
+        (&passive, "[parameters]", "drive = \"current_a\"\n[parameters]", "membership_centres_a"),
     ] {
         assert!(text.contains(from), "the test must change the file: {from}");
         let message = error_of(&text.replacen(from, to, 1));

@@ -1,7 +1,7 @@
 //! The pipeline with arbitrary bits from sensors, clocks and force requests. Each number that it gives is finite, or NaN where that is
 //! documented as unknown. A force far beyond the range of the training data is never VALID.
 
-use crate::common::preset;
+use crate::common::{maxwell_slip, preset};
 use crate::middle::{parameters, present};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Effect, Effects};
@@ -26,7 +26,7 @@ fn law(law: ForceLaw) -> ForceModel {
     ForceModel::Law(LawModel::new(law, dependence, &parameters, 0.0).expect("as many as it takes"))
 }
 
-/// Each preset that loads, each force law, and each effect around a preset.
+/// Each preset that loads, each force law, a model with bristles, and each effect around a preset.
 fn subjects() -> Vec<(String, Model)> {
     let base = preset(BEST_FUZZY_TANH);
     let of_thesis = presets::names().into_iter().filter_map(|name| Some((presets::load(&name).ok()?, name)));
@@ -35,7 +35,8 @@ fn subjects() -> Vec<(String, Model)> {
         let effects = Effects::new(&[present(effect)]).ok()?;
         Some((Model { effects, ..base }, format!("{effect:?}")))
     });
-    of_thesis.chain(laws).chain(effects).map(|(model, name)| (name, model)).collect()
+    let slips = [(maxwell_slip(), "maxwell-slip".to_owned())];
+    of_thesis.chain(laws).chain(slips).chain(effects).map(|(model, name)| (name, model)).collect()
 }
 
 /// A sensor value: mostly plausible, sometimes arbitrary bits.

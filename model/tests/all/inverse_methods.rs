@@ -1,6 +1,7 @@
 //! The methods of the inverse controller: each keeps its limits, follows a demanded force within its accuracy, and rejects models that it
 //! cannot approximate.
 
+use crate::common::maxwell_slip;
 use crate::inverse_support::{
     TIGHT, bouc_wen, choi, demand, error, folded, fuzzy_tanh, inputs, keeps_its_limits, with,
 };
@@ -25,6 +26,7 @@ fn every_method_keeps_its_limits_and_never_drives_the_rod_for_any_input() {
         fuzzy_tanh(),
         with(&[(Effect::CoilLag, &[0.012]), (Effect::GasSpring, &[2e3])]),
         bouc_wen(),
+        maxwell_slip(),
         Model { effects: with(&[(Effect::Friction, &[30.0])]).effects, ..choi() },
     ];
     for (model, seed) in models.iter().zip(0..) {
@@ -101,10 +103,23 @@ fn the_closed_form_agrees_with_a_search() {
         let searched_a = current_a(Solver { linear: false, ..closed });
         assert!((current_a(closed) - searched_a).abs() < 1e-3, "{at:?}");
     }
-    for model in [fuzzy_tanh(), bouc_wen(), folded()] {
+    for model in [fuzzy_tanh(), bouc_wen(), maxwell_slip(), folded()] {
         let shape = *self::controller(&model, Method::Search).shape().expect("a shape");
         assert!(!shape.is_linear() && shape.bend_n > 1e-3, "{shape:?}");
     }
+}
+
+#[test]
+fn a_model_with_bristles_is_monotonic_in_the_current_and_searched_on_its_state() {
+    let controller = controller(&maxwell_slip(), Method::Search);
+    assert_eq!(controller.shape().and_then(|shape| shape.real_fold()), None);
+    let mut seen = 0;
+    along_a_sine(&controller, |demand_n, expected_n, current_a| {
+        seen += 1;
+        assert!((0.0..=2.5).contains(&current_a));
+        assert!((expected_n - demand_n).abs() < 1.0, "{expected_n} for {demand_n} N");
+    });
+    assert!(seen > 300, "{seen}");
 }
 
 #[test]
@@ -154,7 +169,7 @@ fn the_achievable_range_is_the_same_for_every_method() {
 fn forces_added_by_effects_are_subtracted_from_the_demand() {
     // The current is the same for the same force of the fluid, with and without effects in parallel.
     let effects: [(Effect, &[f64]); 2] = [(Effect::GasSpring, &[3e3]), (Effect::Friction, &[60.0])];
-    for bare in [fuzzy_tanh(), bouc_wen()] {
+    for bare in [fuzzy_tanh(), bouc_wen(), maxwell_slip()] {
         let more = Model { effects: with(&effects).effects, ..bare };
         for method in SURROGATES {
             let (mut alone, mut beside) = (controller(&bare, method), controller(&more, method));

@@ -31,6 +31,7 @@ mod identify_free_sets;
 mod identify_fuzzy_tanh;
 mod identify_law;
 mod identify_lpv;
+mod identify_maxwell_slip;
 mod identify_measured;
 mod identify_minpack;
 mod identify_network;

@@ -3,13 +3,14 @@
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
 use mr_damper_model::Error;
+use mr_damper_model::force::{ForceModel, FuzzySets, MaxwellSlip, Membership, SlipFunction, SlipGrid};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{
     Estimate, Event, Models, Pipeline, PipelineSetup, Residual, Settings, UseForce,
 };
 use mr_damper_model::preset;
-use mr_damper_model::sample::{Channel, Drive, Reading, Sample, Stamp};
+use mr_damper_model::sample::{Channel, Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Metre, Newton};
 use std::ops::Range;
 
@@ -18,6 +19,23 @@ pub(crate) const PERIOD_NS: i64 = 1_953_125;
 
 pub(crate) fn preset(name: &str) -> Model {
     preset::load(name).expect("a known preset")
+}
+
+/// A Maxwell-slip model whose damping and bristle forces grow with the current, with the envelope of a preset.
+pub(crate) fn maxwell_slip() -> Model {
+    let function = |level: f64| SlipFunction {
+        damping_slopes_n_s_m: [900.0, 1_000.0, 1_500.0, 2_500.0, 2_500.0, 1_500.0, 1_000.0, 900.0]
+            .map(|slope| slope * (1.0 + 0.5 * level)),
+        bristle_forces_n: [30.0, 50.0, 40.0, 20.0, 10.0].map(|force_n| force_n * (1.0 + 3.0 * level)),
+        stiffness_n_m: 500.0,
+        set_offset_n: 0.0,
+    };
+    let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.45 };
+    let sets = FuzzySets::new(membership, &[0.0, 0.9, 1.8, 2.5]).expect("sets");
+    let grid = SlipGrid::new([0.01, 0.03, 0.1], [5e-4, 1e-3, 2e-3, 4e-3, 8e-3]).expect("a grid");
+    let functions = [0.0, 0.9, 1.6, 2.0].map(function);
+    let model = MaxwellSlip::new(grid, Some(sets), &functions, 20.0).expect("a model");
+    Model { force: ForceModel::MaxwellSlip(model), ..preset(preset::BEST_FUZZY_TANH) }
 }
 
 /// The thesis' best fuzzy-tanh model with its best ARX model.
