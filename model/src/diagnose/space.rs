@@ -216,42 +216,35 @@ mod tests {
     use crate::force::{FuzzySets, MaxwellSlip, Membership, SlipFunction, SlipGrid};
     use crate::sample::DriveKind;
 
+    const SCALES: Scales = Scales {
+        force_n: 1000.0,
+        displacement_m: 0.015,
+        velocity_m_s: 0.2,
+        acceleration_m_s2: 5.0,
+        frequency_1_s: 20.0,
+        drive: 2.0,
+    };
+
     #[test]
     fn a_base_with_bristles_is_refused_unless_it_is_not_refitted() -> Result<(), Error> {
         let grid = SlipGrid::new([0.01, 0.03, 0.1], [5e-4, 1e-3, 2e-3, 4e-3, 8e-3])?;
         let force = ForceModel::MaxwellSlip(MaxwellSlip::new(grid, None, &[SlipFunction::default()], 0.0)?);
         let base = Augmented::new(force, Effects::NONE)?;
-        let scales = Scales {
-            force_n: 1000.0,
-            displacement_m: 0.015,
-            velocity_m_s: 0.2,
-            acceleration_m_s2: 5.0,
-            frequency_1_s: 20.0,
-            drive: 2.0,
-        };
-        let refused = Space::new(&base, scales, true).map(|_| ()).expect_err("refused").to_string();
+        let refused = Space::new(&base, SCALES, true).map(|_| ()).expect_err("refused").to_string();
         assert!(refused.contains("the maxwell-slip model cannot be refitted in a diagnosis"), "{refused}");
         assert!(refused.contains("15 coefficients"), "{refused}");
-        assert!(Space::new(&base, scales, false)?.values().is_empty(), "paired runs do not refit it");
+        assert!(Space::new(&base, SCALES, false)?.values().is_empty(), "paired runs do not refit it");
         Ok(())
     }
 
     #[test]
     fn a_flat_tanh_function_gets_the_median_steepness_and_keeps_its_slope_at_rest() -> Result<(), Error> {
         let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 };
-        let scales = Scales {
-            force_n: 1000.0,
-            displacement_m: 0.015,
-            velocity_m_s: 0.2,
-            acceleration_m_s2: 5.0,
-            frequency_1_s: 20.0,
-            drive: 2.0,
-        };
         let upright = |slopes: [f64; 3]| -> Result<Option<Vec<f64>>, Error> {
             let functions = slopes.map(|slope| TanhFunction::new([300.0, 900.0, slope, 2.0]));
             let sets = FuzzySets::new(membership, &[0.0, 1.0, 2.0])?;
             let force = ForceModel::FuzzyTanh(FuzzyTanh::new(sets, &functions, 0.0)?);
-            let space = Space::new(&Augmented::new(force, Effects::NONE)?, scales, true)?;
+            let space = Space::new(&Augmented::new(force, Effects::NONE)?, SCALES, true)?;
             Ok(space.upright(&space.values()))
         };
         assert_eq!(upright([30.0, 45.0, 60.0])?, None);

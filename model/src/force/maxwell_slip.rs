@@ -30,7 +30,7 @@
 //! - The deflections stay within -1 and 1, so the force of the bristles is at most the sum of the b.
 //! - At a given state the force does not fall with velocity: c does not, and neither does the deflection after the step.
 //! - A bristle is passive. Its work is at least the change of b L z²/2, because `b z v = d/dt (b L z^2 / 2) + b |v| z^2`. The damping
-//!   curve dissipates too, because c(0) = 0. The spring stores energy if k is not negative. The set offsets are no passive element.
+//!   curve dissipates too, because c(0) = 0. The spring stores energy if k is not negative. The set offsets are not passive.
 //! - The deflection depends on the way at constant direction, not on the step size. The step is exact for a constant velocity.
 //!
 //! # Names

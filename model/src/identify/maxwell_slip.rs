@@ -22,7 +22,7 @@ use super::dataset::{Dataset, Row};
 use super::levels::Memberships;
 use super::nonnegative;
 use super::scales::Scales;
-use super::score::walk;
+use super::score::score;
 use crate::condition::{ApplyTo, LowPass, LowPassState};
 use crate::effect::{Augmented, Effects};
 use crate::error::{Error, IdentifyError};
@@ -30,14 +30,12 @@ use crate::force::{
     ForceModel, FuzzySets, MAX_FUNCTIONS, MaxwellSlip, SLIP_BRISTLES, SLIP_COEFFICIENTS, SLIP_KNOTS,
     SlipFunction, SlipGrid, SlipState,
 };
-use crate::metrics::ErrorSum;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::ops::ControlFlow;
 
 /// Weight of the ridge, relative to each column's sum of squares.
 const RIDGE: f64 = 1e-5;
-/// The knots are at `V sinh(j)/sinh(STEEP)`; the outermost one, at the peak speed, is no knot, because the curve continues beyond it.
+/// The knots are at `V sinh(j)/sinh(STEEP)`; the outermost one, at the peak speed, is left out, because the curve continues beyond it.
 const STEEP: f64 = SLIP_KNOTS as f64 + 1.0;
 /// Length of the shortest bristle, as a share of half the longest stroke.
 const SHORTEST: f64 = 1.0 / 32.0;
@@ -77,18 +75,10 @@ pub(super) fn mean_esr(
 ) -> Result<f64, Error> {
     let fitted = fit(datasets, memberships, watch)?;
     let model = Augmented::unchecked(ForceModel::MaxwellSlip(fitted.model), Effects::NONE);
-    let esr = |dataset: &Dataset| {
-        let mut sum = ErrorSum::default();
-        let done = walk(&model, dataset, |row, predicted| {
-            if row.counts {
-                sum.add(row.force_n, predicted.free_run_n);
-            }
-            ControlFlow::Continue(())
-        });
-        debug_assert!(done.is_continue(), "the closure never stops the walk");
-        sum.fit_without_offset().map_or(f64::INFINITY, |fit| fit.esr)
+    let esr = |dataset: &Dataset| -> Result<f64, Error> {
+        Ok(score(&model, dataset, watch)?.free_run_without_offset.map_or(f64::INFINITY, |fit| fit.esr))
     };
-    let of_runs: Vec<f64> = datasets.par_iter().map(esr).collect();
+    let of_runs: Vec<f64> = datasets.par_iter().map(esr).collect::<Result<_, _>>()?;
     Ok(of_runs.iter().sum::<f64>() / of_runs.len() as f64)
 }
 
@@ -103,7 +93,7 @@ fn grid(scales: &Scales) -> Result<SlipGrid, Error> {
     SlipGrid::new(knots, lengths)
 }
 
-/// What determines the columns of the regression.
+/// Grid and sets, which determine the columns of the regression.
 struct Design {
     grid: SlipGrid,
     sets: Option<FuzzySets>,
@@ -326,12 +316,13 @@ mod tests {
     use super::*;
     use crate::condition::Conditioning;
     use crate::force::Membership;
+    use crate::metrics::ErrorSum;
     use crate::model::Envelope;
     use crate::sample::{DriveKind, Stamp};
 
     const RATE_HZ: f64 = 500.0;
 
-    /// A damper with three levels. Some of its coefficients are zero, as those of a real one are.
+    /// A damper with three levels. Some of its coefficients are zero, as in a real one.
     fn truth() -> MaxwellSlip {
         let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.25 };
         let sets = FuzzySets::new(membership, &[0.0, 0.5, 1.0]).expect("sets");

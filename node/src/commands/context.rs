@@ -1,4 +1,4 @@
-//! What every command receives.
+//! The context that every command receives.
 
 use crate::settings::config::RosArgs;
 use crate::settings::interrupt::Interrupt;
