@@ -13,6 +13,11 @@ use std::process::Command;
 
 /// How long a peer continues once it is matched, s.
 const SECONDS: &str = "6";
+/// How often a permitted peer joins at most. In the default build, 1 of 256 handshakes that Fast DDS begins gives the two sides different
+/// keys; edit 61 of the hardened build mends that. On a busy machine, about 1 of 1000 peers that start in the same moment as a node gets
+/// no answer of it at all.
+const JOINS: usize = 3;
+
 #[test]
 #[ignore = "needs a build with DDS-Security, and tests/interop/setup.sh secure"]
 fn only_permitted_peers_receive_the_estimate() {
@@ -57,27 +62,26 @@ fn heard_by_permitted_peers(lab: &Lab, peer: &Path, keystores: &Path) -> u64 {
         let arguments = [path.to_str().expect("UTF-8"), readers, writers, SECONDS];
         lab.start_with(enclave, peer, &arguments, &[]).json(PEER)
     };
-    let served = |saw: &Value, given: &str| {
-        assert!(count(saw, "/authorized") == 1 && count(saw, given) > 0, "no {given}: {saw:#}");
+    let served = |enclave: &str, readers: &str, writers: &str, given: &str| -> Value {
+        let saw = joined(|| join(enclave, readers, writers));
+        assert!(count(&saw, "/authorized") == 1 && count(&saw, given) > 0, "no {given}: {saw:#}");
+        saw
     };
 
-    let sensor = join("ours/enclaves/sensor", "1", "1");
-    served(&sensor, "/heard");
+    let sensor = served("ours/enclaves/sensor", "1", "1", "/heard");
     let heard = count(&sensor, "/heard");
     assert!(heard > 100 && count(&sensor, "/known") == heard, "estimates of its own samples: {sensor:#}");
     assert!(number(&sensor, "/largest_force_n") > 10.0, "the force of a damper: {sensor:#}");
 
     // These two peers are authenticated, and the node refuses what exceeds their permissions.
-    let deaf = join("ours/enclaves/deaf", "1", "0");
+    let deaf = served("ours/enclaves/deaf", "1", "0", "/readers");
     assert_eq!(count(&deaf, "/heard"), 0, "this peer may not receive: {deaf:#}");
-    served(&deaf, "/readers");
-    let mute = join("ours/enclaves/mute", "0", "1");
+    let mute = served("ours/enclaves/mute", "0", "1", "/writers");
     assert_eq!(
         (count(&mute, "/readers"), count(&mute, "/known")),
         (0, 0),
         "this peer may not send: {mute:#}"
     );
-    served(&mute, "/writers");
     for enclave in ["strangers/enclaves/sensor", "none"] {
         let saw = join(enclave, "0", "0");
         assert_eq!((count(&saw, "/authorized"), count(&saw, "/heard")), (0, 0), "{enclave}: {saw:#}");
@@ -85,8 +89,22 @@ fn heard_by_permitted_peers(lab: &Lab, peer: &Path, keystores: &Path) -> u64 {
     }
 
     // Refused peers do not block a permitted one.
-    served(&join("ours/enclaves/sensor", "1", "1"), "/heard");
+    served("ours/enclaves/sensor", "1", "1", "/heard");
     heard
+}
+
+/// Lets a peer join until it finds an endpoint of the node, at most [`JOINS`] times, and returns what the last one saw.
+fn joined(join: impl Fn() -> Value) -> Value {
+    let found = |saw: &Value| count(saw, "/readers") + count(saw, "/writers") > 0;
+    let mut saw = join();
+    for _ in 1..JOINS {
+        if found(&saw) {
+            break;
+        }
+        eprintln!("the peer joins again, because it found nothing of the node: {saw}");
+        saw = join();
+    }
+    saw
 }
 
 #[test]
@@ -111,7 +129,7 @@ fn late_readers_are_served_although_another_program_has_the_port_of_user_data() 
         let enclave = enclave.to_str().expect("UTF-8");
         // The second reader asks for the samples before it.
         let heard = ["first", "late"].map(|name| {
-            let saw = lab.start_with(name, &peer, &[enclave, "1", "1", "3"], &[]).json(PEER);
+            let saw = joined(|| lab.start_with(name, &peer, &[enclave, "1", "1", "3"], &[]).json(PEER));
             assert!(count(&saw, "/heard") > 100, "{name}: {saw:#}");
             count(&saw, "/heard")
         });
