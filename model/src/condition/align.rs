@@ -8,7 +8,7 @@
 use crate::sample::Stamp;
 
 /// Number of predictions that can wait for their measured force: a quarter of a second at 1 kHz.
-pub const PENDING: usize = 256;
+const PENDING: usize = 256;
 
 /// Number of readings that a [`Hold`] keeps. Older ones are needed when newer readings arrive before the
 /// displacement that they follow.
@@ -19,7 +19,7 @@ type Stamped = (Stamp, f64);
 
 /// The last readings of a channel whose value is held between stamps.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hold {
+pub(crate) struct Hold {
     len: usize,
     next: usize,
     stamps: [Stamp; HELD],
@@ -35,7 +35,7 @@ impl Default for Hold {
 impl Hold {
     /// Adds a reading. Stamps must increase; the caller refuses other readings.
     #[inline]
-    pub fn push(&mut self, stamp: Stamp, value: f64) {
+    pub(crate) fn push(&mut self, stamp: Stamp, value: f64) {
         self.stamps[self.next] = stamp;
         self.values[self.next] = value;
         self.next = (self.next + 1) % HELD;
@@ -45,7 +45,7 @@ impl Hold {
     /// The newest reading not newer than `at`, and its stamp.
     #[inline]
     #[must_use]
-    pub fn at(&self, at: Stamp) -> Option<(Stamp, f64)> {
+    pub(crate) fn at(&self, at: Stamp) -> Option<(Stamp, f64)> {
         self.around(at).map(|(before, _)| before)
     }
 
@@ -65,14 +65,14 @@ impl Hold {
     }
 
     /// Removes all readings.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.len = 0;
     }
 }
 
 /// Measured force, and the predictions that wait for it. `T` is the data that is returned with the force.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ForceAligner<T> {
+pub(crate) struct ForceAligner<T> {
     readings: Hold,
     last: Option<Stamp>,
     first: usize,
@@ -97,7 +97,7 @@ impl<T: Copy> Default for ForceAligner<T> {
 impl<T: Copy> ForceAligner<T> {
     /// Adds a force reading. Stamps must increase; the caller refuses other readings.
     #[inline]
-    pub fn push_force(&mut self, stamp: Stamp, force_n: f64) {
+    pub(crate) fn push_force(&mut self, stamp: Stamp, force_n: f64) {
         self.readings.push(stamp, force_n);
         self.last = Some(stamp);
     }
@@ -105,13 +105,13 @@ impl<T: Copy> ForceAligner<T> {
     /// The newest force not newer than `at`, and its stamp.
     #[inline]
     #[must_use]
-    pub fn newest(&self, at: Stamp) -> Option<(Stamp, f64)> {
+    pub(crate) fn newest(&self, at: Stamp) -> Option<(Stamp, f64)> {
         self.readings.at(at)
     }
 
     /// Queues `what` until the force at `stamp` is known. If the queue is full, the oldest entry is dropped.
     #[inline]
-    pub fn wait(&mut self, stamp: Stamp, what: T) {
+    pub(crate) fn wait(&mut self, stamp: Stamp, what: T) {
         if self.len == PENDING {
             self.first = (self.first + 1) % PENDING;
             self.len -= 1;
@@ -125,7 +125,7 @@ impl<T: Copy> ForceAligner<T> {
     /// The next entry whose force is known, and that force, in the order of the queue. Entries between
     /// readings that are more than `max_span_s` apart are dropped.
     #[inline]
-    pub fn next_known(&mut self, max_span_s: f64) -> Option<(Stamp, f64, T)> {
+    pub(crate) fn next_known(&mut self, max_span_s: f64) -> Option<(Stamp, f64, T)> {
         let last = self.last?;
         while self.len > 0 {
             let slot = self.first;
@@ -145,7 +145,7 @@ impl<T: Copy> ForceAligner<T> {
     /// Force at `stamp`, interpolated linearly between its neighbouring readings; `None` if they are more
     /// than `max_span_s` apart.
     #[must_use]
-    pub fn measured(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
+    pub(crate) fn measured(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
         let ((t0, f0), after) = self.readings.around(stamp)?;
         if t0 == stamp {
             return Some(f0);
@@ -158,7 +158,7 @@ impl<T: Copy> ForceAligner<T> {
     /// As [`measured`](Self::measured), but on the parabola through the two readings and the one before them.
     /// The third reading must be at least half as far from the second as the first two are from each other.
     #[must_use]
-    pub fn measured_on_curve(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
+    pub(crate) fn measured_on_curve(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
         let line_n = self.measured(stamp, max_span_s)?;
         let ((t0, f0), after) = self.readings.around(stamp)?;
         let Some((t1, f1)) = after.filter(|_| t0 != stamp) else { return Some(line_n) };
@@ -175,7 +175,7 @@ impl<T: Copy> ForceAligner<T> {
     }
 
     /// Removes all readings and all entries of the queue.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.readings.clear();
         self.last = None;
         self.len = 0;

@@ -19,7 +19,7 @@ const WINDOW: usize = 64;
 
 /// A derivative. Immutable; its memory is in `State`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Derivative {
+pub(crate) enum Derivative {
     /// Difference of the last two samples.
     Backward,
     /// Slope of the parabola through the last three samples, at the last one; the backward difference while
@@ -34,7 +34,7 @@ pub enum Derivative {
 
 /// State of one derivative: the last values, and their times since the last reset.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct State {
+pub(crate) struct State {
     time_s: f64,
     len: usize,
     next: usize,
@@ -52,7 +52,7 @@ impl Derivative {
     /// Processes one value, `dt_s` seconds after the previous one (`None` discards all previous values).
     /// Returns the derivative, or `None` while there is only one value.
     #[inline]
-    pub fn step(&self, state: &mut State, dt_s: Option<f64>, value: f64) -> Option<f64> {
+    pub(crate) fn step(&self, state: &mut State, dt_s: Option<f64>, value: f64) -> Option<f64> {
         match (self, dt_s) {
             (_, None) => {
                 state.len = 0;

@@ -16,12 +16,12 @@ mod align;
 mod derivative;
 mod low_pass;
 
-pub use align::{ForceAligner, Hold, PENDING};
-pub use derivative::Derivative;
+pub(crate) use align::{ForceAligner, Hold};
 pub use low_pass::{LowPass, State as LowPassState};
 
 use crate::error::Error;
 use crate::units::{Hertz, Second};
+use derivative::Derivative;
 use serde::{Deserialize, Serialize};
 
 /// Position of the low-pass filter.

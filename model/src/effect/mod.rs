@@ -241,13 +241,13 @@ impl Effect {
 
     /// True if it adds a force that does not depend on the drive, and does not change the inputs.
     #[must_use]
-    pub const fn only_adds(self) -> bool {
+    pub(crate) const fn only_adds(self) -> bool {
         matches!(self.properties().inversion, Inversion::Subtract)
     }
 
     /// True if it is a first-order lag of the drive, which an inverse controller compensates.
     #[must_use]
-    pub const fn lags_drive(self) -> bool {
+    pub(crate) const fn lags_drive(self) -> bool {
         matches!(self.properties().inversion, Inversion::Lead(_))
     }
 
@@ -264,12 +264,6 @@ impl Effect {
             *value = *example;
         }
         EffectModel::unchecked(self, values)
-    }
-
-    /// The effect with all parameters neutral. `size` returns the size of a scale in the data.
-    #[must_use]
-    pub fn neutral(self, size: impl Fn(Scale) -> f64) -> EffectModel {
-        self.stepped(None, size)
     }
 
     /// The effect with parameter `index` one probe from neutral and the others neutral, where its score is computed. `size` returns the

@@ -114,7 +114,7 @@ fn a_neutral_effect_is_absent() {
         let plain = run(&force.into(), &inputs);
         let largest_n = plain.iter().filter(|f| f.is_finite()).fold(0.0_f64, |most, f| most.max(f.abs()));
         for effect in Effect::ALL.into_iter().filter(|effect| suits(*effect, &force)) {
-            let neutral = run(&augmented(force, &[effect.neutral(size)]), &inputs);
+            let neutral = run(&augmented(force, &[effect.stepped(None, size)]), &inputs);
             for (a, b) in plain.iter().zip(&neutral) {
                 let same = (a - b).abs() <= 1e-12 * largest_n || (a.is_nan() && b.is_nan());
                 assert!(same, "{} around {}: {a} {b}", effect.title(), force.name());

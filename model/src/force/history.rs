@@ -51,7 +51,7 @@ impl History {
 
     /// Adds NaN for the inputs of sample k, which are not known but take a place in the lags.
     #[inline]
-    pub fn push_unknown_inputs(&mut self) {
+    pub(crate) fn push_unknown_inputs(&mut self) {
         for slots in [&mut self.displacement_m, &mut self.velocity_m_s, &mut self.drive] {
             shift_in(slots, f64::NAN);
         }
@@ -94,7 +94,7 @@ impl History {
     }
 
     /// Clears the forces, so that only measured ones can complete the history again.
-    pub fn forget_forces(&mut self) {
+    pub(crate) fn forget_forces(&mut self) {
         self.force_n = [f64::NAN; DEPTH];
     }
 }

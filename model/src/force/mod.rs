@@ -39,8 +39,7 @@ pub(crate) use sets::blend;
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 pub(crate) use tanh::tanh;
 pub use tsk::{
-    MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
-    TskKind, TskSet,
+    MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind, TskSet,
 };
 
 use crate::sample::DriveKind;

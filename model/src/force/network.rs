@@ -359,7 +359,7 @@ impl Network {
     /// # Panics
     /// When a slice is shorter than the number of inputs or weights.
     #[inline]
-    pub fn gradient(&self, inputs: &[f64], by_weight: &mut [f64], by_input: &mut [f64]) -> f64 {
+    pub(crate) fn gradient(&self, inputs: &[f64], by_weight: &mut [f64], by_input: &mut [f64]) -> f64 {
         let count = self.structure.hidden();
         let (output, hidden) = self.forward(&inputs[..self.inputs]);
         let mut delta = [0.0; LANES];

@@ -141,12 +141,12 @@ pub struct Tsk {
 
 /// Derivatives of the force with respect to all parameters of a model, at one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TskGradient {
+pub(crate) struct TskGradient {
     /// With respect to the numbers of set j of input i, N: centre and sigma (and an unused third), or left foot, peak
     /// and right foot.
-    pub sets: [[[f64; 3]; MAX_SETS]; MAX_INPUTS],
+    pub(crate) sets: [[[f64; 3]; MAX_SETS]; MAX_INPUTS],
     /// With respect to the conclusions, N, in the order of [`Tsk::conclusions`].
-    pub conclusions: [f64; MAX_CONCLUSIONS],
+    pub(crate) conclusions: [f64; MAX_CONCLUSIONS],
 }
 
 impl Tsk {
@@ -350,12 +350,6 @@ impl Tsk {
             *count = input.len();
         }
         counts
-    }
-
-    /// Force, N, at a sample, and its derivatives with respect to all parameters.
-    #[must_use]
-    pub fn force_and_gradient(&self, inputs: &Inputs) -> (f64, TskGradient) {
-        self.output_and_gradient_at(&self.raw(inputs))
     }
 
     /// The output for the inputs `raw`, in their signals' units, and its derivatives with respect to all parameters.

@@ -43,7 +43,7 @@ pub use event::{
     AlarmChange, Cause, Estimate, Event, Reasons, Refusal, Refused, Residual, Slot, StampedCommand,
     Transition, Validity,
 };
-pub use mode::{Conditions, Mode, ModeMachine};
+pub use mode::Mode;
 pub use plausible::Plausible;
 pub use settings::{Settings, UseForce};
 pub use setup::PipelineSetup;
@@ -59,6 +59,7 @@ use bump::Bump;
 use command::CommandPath;
 use estimate_uncertainty::{EstimateUncertainty, Seeds};
 use gate::Gate;
+use mode::ModeMachine;
 use model_channel::{FreeRunChannel, SeededChannel};
 use observer::Observer;
 use plausible::{DamperProperties, PlausibilityChecks};

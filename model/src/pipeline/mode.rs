@@ -58,15 +58,15 @@ impl Mode {
 
 /// The conditions at a displacement. If only one mode is allowed, the conditions of the others are cleared.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Conditions {
+pub(super) struct Conditions {
     /// The ARX model has the history that a prediction needs.
-    pub arx_ready: bool,
+    pub(super) arx_ready: bool,
     /// Measured force is not older than `force_timeout_s`, and its use is allowed.
-    pub force_fresh: bool,
+    pub(super) force_fresh: bool,
     /// Measured force is stuck, or implies that the damper delivers energy.
-    pub force_odd: bool,
+    pub(super) force_odd: bool,
     /// The free-run model has an estimate.
-    pub model_ready: bool,
+    pub(super) model_ready: bool,
 }
 
 impl Conditions {
@@ -120,7 +120,7 @@ const TABLE: [Row; 11] = [
 
 /// The machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ModeMachine {
+pub(super) struct ModeMachine {
     mode: Mode,
     since: Option<Stamp>,
     /// When the present unbroken stretch began in which the conditions of `arx` hold.
@@ -140,13 +140,13 @@ impl Default for ModeMachine {
 impl ModeMachine {
     /// The current mode.
     #[must_use]
-    pub const fn mode(&self) -> Mode {
+    pub(super) const fn mode(&self) -> Mode {
         self.mode
     }
 
     /// Seconds since the mode was entered; zero before the first change.
     #[must_use]
-    pub fn seconds_in_mode(&self, now: Stamp) -> f64 {
+    pub(super) fn seconds_in_mode(&self, now: Stamp) -> f64 {
         self.since.map_or(0.0, |since| now.since(since).get())
     }
 
@@ -190,7 +190,7 @@ impl ModeMachine {
     /// Takes the conditions at stamp `now` and returns the change of mode, if there is one. If `only` names a mode, the machine uses
     /// that mode while its conditions hold, and otherwise hold and fault.
     #[inline]
-    pub fn update(
+    pub(super) fn update(
         &mut self,
         only: Option<Mode>,
         now: Stamp,
@@ -211,7 +211,7 @@ impl ModeMachine {
     }
 
     /// Switches to `to` whatever the conditions; `None` if the machine is in that mode already.
-    pub fn force_to(&mut self, to: Mode, cause: Cause, now: Stamp) -> Option<Transition> {
+    pub(super) fn force_to(&mut self, to: Mode, cause: Cause, now: Stamp) -> Option<Transition> {
         if to == self.mode {
             return None;
         }

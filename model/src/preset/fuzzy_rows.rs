@@ -10,9 +10,9 @@ use crate::sample::DriveKind;
 use crate::units::{M_PER_IN, N_M_PER_LBF_IN, N_PER_LBF};
 
 /// Centres of the membership functions, A.
-pub const CENTRES_A: [f64; 7] = [0.0, 0.4, 0.8, 1.2, 1.6, 2.1, 2.5];
+pub(crate) const CENTRES_A: [f64; 7] = [0.0, 0.4, 0.8, 1.2, 1.6, 2.1, 2.5];
 /// Standard deviation of the membership functions, A.
-pub const SIGMA_A: f64 = 0.2;
+pub(crate) const SIGMA_A: f64 = 0.2;
 
 /// The model of `experiment`; `None` unless it is one of the last three.
 pub(super) fn model(experiment: &str) -> Option<FuzzyTanh> {

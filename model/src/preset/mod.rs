@@ -24,7 +24,7 @@ pub mod published;
 mod sp_rows;
 mod tables;
 
-pub use fuzzy_rows::{CENTRES_A, SIGMA_A};
+pub(crate) use fuzzy_rows::{CENTRES_A, SIGMA_A};
 
 use crate::condition::Conditioning;
 use crate::edit_distance::edit_distance;

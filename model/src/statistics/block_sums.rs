@@ -60,7 +60,7 @@ impl Flips {
 
 /// Probability that the mean of block sums is this far from zero by chance; 1 for fewer than two blocks.
 #[must_use]
-pub fn p_value(sums: &[f64], seed: u64) -> f64 {
+pub(crate) fn p_value(sums: &[f64], seed: u64) -> f64 {
     let blocks = sums.len();
     if blocks < 2 || !sums.iter().all(|s| s.is_finite()) || sums.iter().all(|s| *s == 0.0) {
         return 1.0;
@@ -82,7 +82,7 @@ pub fn p_value(sums: &[f64], seed: u64) -> f64 {
 /// Tests with the same number of blocks form a family, whose sums are flipped together. The probabilities of the families are added; a
 /// family with too few blocks to reach such a p adds nothing.
 #[must_use]
-pub fn adjusted_p_values(tests: &[&[f64]], seed: u64) -> Vec<f64> {
+pub(crate) fn adjusted_p_values(tests: &[&[f64]], seed: u64) -> Vec<f64> {
     let p: Vec<f64> = tests.iter().map(|sums| p_value(sums, seed)).collect();
     let mut counts: Vec<usize> =
         tests.iter().map(|sums| sums.len()).filter(|c| (2..MANY).contains(c)).collect();
@@ -136,7 +136,7 @@ fn shares(values: &[f64]) -> Vec<f64> {
 
 /// The least p that this number of blocks can give.
 #[must_use]
-pub fn least_p(blocks: usize) -> f64 {
+pub(crate) fn least_p(blocks: usize) -> f64 {
     match blocks {
         0 | 1 => 1.0,
         2..=EXACT => 1.0 / f64::from(1_u32 << (blocks - 1)),
@@ -147,7 +147,7 @@ pub fn least_p(blocks: usize) -> f64 {
 
 /// Half the width of the 95 % interval of a mean over `blocks` blocks, in standard errors.
 #[must_use]
-pub fn t95(blocks: usize) -> f64 {
+pub(crate) fn t95(blocks: usize) -> f64 {
     let degrees = blocks.saturating_sub(1).max(1) as f64;
     StudentsT::new(0.0, 1.0, degrees).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975))
 }

@@ -37,7 +37,7 @@ pub fn pearson(pairs: &[(f64, f64)]) -> f64 {
 /// Pearson's coefficient of two series whose means are zero already, for example because each run's own mean was removed; zero if one
 /// of them is zero throughout.
 #[must_use]
-pub fn of_centred(x: &[f64], y: &[f64]) -> f64 {
+pub(crate) fn of_centred(x: &[f64], y: &[f64]) -> f64 {
     let scale = (dot(x, x) * dot(y, y)).sqrt();
     if scale > 0.0 { dot(x, y) / scale } else { 0.0 }
 }

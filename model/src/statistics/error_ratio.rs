@@ -31,7 +31,7 @@ use thiserror::Error;
 const CORRELATION_TIMES: f64 = 6.0;
 /// Least number of blocks for which an interval is given. With 6 blocks, an error that changes with the level of the current gave an
 /// interval below one in 10 % of the runs without a change.
-pub const LEAST_BLOCKS: usize = 8;
+const LEAST_BLOCKS: usize = 8;
 /// Largest number of blocks: more blocks hardly narrow the interval, and longer blocks are safer. With up to 20 blocks, residuals with a
 /// slow part that white noise hides gave an interval below one in 6 % of the runs without a change.
 const MOST_BLOCKS: f64 = 10.0;
@@ -94,13 +94,13 @@ impl NoInterval {
 
 /// Residuals of one run, N.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Residuals {
+pub(crate) struct Residuals {
     /// Time between two values, s.
-    pub step_s: f64,
+    pub(crate) step_s: f64,
     /// Residual before.
-    pub before: Vec<f64>,
+    pub(crate) before: Vec<f64>,
     /// Residual after, at the same times.
-    pub after: Vec<f64>,
+    pub(crate) after: Vec<f64>,
 }
 
 impl Residuals {
@@ -116,20 +116,20 @@ impl Residuals {
 
 /// The ratio of the squared errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ErrorRatio {
+pub(crate) struct ErrorRatio {
     /// Squared error after, divided by squared error before.
-    pub ratio: f64,
+    pub(crate) ratio: f64,
     /// 95 % interval of the ratio, or why there is none.
-    pub ci95: Result<[f64; 2], NoInterval>,
+    pub(crate) ci95: Result<[f64; 2], NoInterval>,
     /// Number of blocks.
-    pub blocks: usize,
+    pub(crate) blocks: usize,
     /// Mean length of a block, s.
-    pub block_s: f64,
+    pub(crate) block_s: f64,
 }
 
 /// The ratio of the squared errors of `runs`, with blocks of at least `least_s` if that is longer than the data require.
 #[must_use]
-pub fn error_ratio(runs: &[Residuals], least_s: Option<f64>) -> ErrorRatio {
+pub(crate) fn error_ratio(runs: &[Residuals], least_s: Option<f64>) -> ErrorRatio {
     let square = |of: fn(&Residuals) -> &[f64]| runs.iter().flat_map(of).map(|r| r * r).sum::<f64>();
     let (before, after) = (square(|run| &run.before), square(|run| &run.after));
     let (ratio, seconds) = (after / before, runs.iter().map(Residuals::seconds).sum::<f64>());

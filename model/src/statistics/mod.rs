@@ -3,18 +3,18 @@
 //! | module | computes | used by |
 //! |---|---|---|
 //! | [`autocorrelation`] | integrated autocorrelation time, effective number of values | diagnosis, calibration |
-//! | [`block_sums`] | p of a mean from block sums, corrected for several tests | diagnosis |
+//! | `block_sums` | p of a mean from block sums, corrected for several tests | diagnosis |
 //! | [`correlation`] | Pearson's coefficient, correlation functions with their bands | diagnosis, reports |
 //! | [`spectrum`] | power densities and coherence by Welch's method | reports |
-//! | [`error_ratio`] | ratio of two squared errors with its interval, from a t test on blocks | diagnosis |
+//! | `error_ratio` | ratio of two squared errors with its interval, from a t test on blocks | diagnosis |
 //! | [`parabola`] | value and derivatives from a least-squares parabola in a sliding window | reports |
 //!
 //! All of them allocate and none of them runs in the live path. Random draws follow from a seed.
 
 pub mod autocorrelation;
-pub mod block_sums;
+pub(crate) mod block_sums;
 pub mod correlation;
-pub mod error_ratio;
+pub(crate) mod error_ratio;
 mod fourier;
 pub mod parabola;
 pub mod spectrum;

@@ -29,7 +29,7 @@ pub fn parabola(trace: &Trace, index: usize, half: usize) -> Option<[f64; 3]> {
 
 /// Value, first and second derivative in the middle of `values`, an odd number of at least three, `step_s` apart.
 #[must_use]
-pub fn fit(values: &[f64], step_s: f64) -> [f64; 3] {
+pub(crate) fn fit(values: &[f64], step_s: f64) -> [f64; 3] {
     let half = values.len() / 2;
     let (mut s0, mut s2, mut s4) = (0.0, 0.0, 0.0);
     let (mut sy, mut sky, mut skky) = (0.0, 0.0, 0.0);
