@@ -25,6 +25,19 @@ pub struct Fit {
 
 /// Accumulates squared error and force variance in one pass. Welford's update keeps the variance accurate
 /// when the mean force is large.
+///
+/// ```
+/// use mr_damper_model::metrics::ErrorSum;
+///
+/// let mut sum = ErrorSum::default();
+/// for (measured_n, predicted_n) in [(-100.0, -110.0), (100.0, 110.0)] {
+///     sum.add(measured_n, predicted_n);
+/// }
+/// // An error of 10 N, where the force has a standard deviation of 100 N.
+/// let fit = sum.fit().expect("there are samples");
+/// assert_eq!((fit.rsse_n, fit.samples), (10.0, 2));
+/// assert!((fit.esr - 0.01).abs() < 1e-15);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ErrorSum {
     count: u64,

@@ -91,6 +91,19 @@ impl Preload {
 }
 
 /// Ranges of a model's training data. The model extrapolates outside them. `None` means unknown.
+///
+/// ```
+/// use mr_damper_model::model::Envelope;
+///
+/// let mut envelope = Envelope::default();
+/// for current_a in [0.0, 2.5, 1.2] {
+///     Envelope::widen(&mut envelope.drive, current_a);
+/// }
+/// assert_eq!(envelope.drive, Some([0.0, 2.5]));
+/// // 5 % of the width, 0.125 A, does not count as extrapolation. An unknown range is never left.
+/// assert!(!Envelope::leaves(envelope.drive, 2.6) && Envelope::leaves(envelope.drive, 2.7));
+/// assert!(!Envelope::leaves(envelope.force_n, 1e6));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Envelope {
@@ -129,6 +142,19 @@ impl Envelope {
 
 /// Root mean squared error of a model at identification, on held-out runs if there were any. `None` means
 /// unknown.
+///
+/// ```
+/// use mr_damper_model::model::{Expected, Model};
+/// use mr_damper_model::model_file::{ModelFile, Provenance};
+/// use mr_damper_model::preset;
+///
+/// // A validation found an RMSE of 42 N. The model file keeps it, and the residual alarm compares with it.
+/// let expected = Expected { free_run_rsse_n: Some(42.0), ..Expected::default() };
+/// let model = Model { expected, ..preset::load(preset::BEST_FUZZY_TANH)? };
+/// let text = ModelFile { model, provenance: Provenance::default() }.to_toml()?;
+/// assert_eq!(ModelFile::from_toml(&text)?.model.expected, expected);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expected {

@@ -10,6 +10,16 @@ use serde::{Deserialize, Serialize};
 /// A time stamp in whole nanoseconds since an epoch that the source defines.
 ///
 /// Computations use only differences of stamps, so results do not depend on the epoch.
+///
+/// ```
+/// use mr_damper_model::sample::Stamp;
+///
+/// let first = Stamp::from_nanos(1_700_000_000_000_000_000);
+/// let second = first.shifted(1_953_125); // one sample at 512 Hz
+/// assert!((second.since(first).get() - 1.0 / 512.0).abs() < 1e-15);
+/// assert!(first < second && first.since(second).get() < 0.0);
+/// assert_eq!(Stamp::from_seconds(f64::NAN), None);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Stamp(i64);
@@ -221,6 +231,21 @@ impl Channel {
 }
 
 /// One reading of one channel.
+///
+/// ```
+/// use mr_damper_model::sample::{Channel, Drive, DriveKind, Reading, Sample, Stamp};
+/// use mr_damper_model::units::Metre;
+///
+/// let stamp = Stamp::from_nanos(0);
+/// let at = |reading| Sample { stamp, received: stamp, reading };
+/// let current = Drive::new(DriveKind::CoilCurrent, 1.2); // A
+/// let mut samples = [at(Reading::Displacement(Metre(0.01))), at(Reading::Drive(current))];
+///
+/// // Samples with equal stamps enter the pipeline in the order of their channels: displacement is last.
+/// samples.sort_by_key(|sample| sample.reading.channel());
+/// assert_eq!(samples.map(|sample| sample.reading.channel()), [Channel::Drive, Channel::Displacement]);
+/// assert_eq!((samples[0].reading.get(), current.kind().name()), (1.2, "current_a"));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// When the reading was taken, by the source's stamp.
@@ -233,6 +258,15 @@ pub struct Sample {
 }
 
 /// One recorded channel: values with their own stamps, in time order.
+///
+/// ```
+/// use mr_damper_model::sample::{Stamp, Trace};
+///
+/// let at_ms = |ms: i64| Stamp::from_nanos(ms * 1_000_000);
+/// let trace = Trace { stamps: [0, 5, 10, 15].map(at_ms).to_vec(), values: vec![0.0, 1.0, 2.0, 3.0] };
+/// assert_eq!(trace.mean_rate_hz(), Some(200.0));
+/// assert_eq!(trace.between(at_ms(5), at_ms(15)).values, [1.0, 2.0]);
+/// ```
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trace {
     /// Stamps, strictly increasing.

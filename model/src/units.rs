@@ -3,6 +3,14 @@
 //! Kernels compute on plain `f64` values in SI units. Values that cross a public interface have a type that
 //! names their unit, so that a newton is never read as a pound-force. Each type wraps one `f64` and has no
 //! run-time cost. Constants convert the US units that the thesis prints.
+//!
+//! ```
+//! use mr_damper_model::units::{MetrePerSecond, N_M_PER_LBF_IN, Newton};
+//!
+//! let damping_n_s_m = 10.0 * N_M_PER_LBF_IN; // the thesis prints 10 lbf·s/in
+//! let force = Newton(damping_n_s_m * MetrePerSecond(0.1).get());
+//! assert_eq!(format!("{force:.1}"), "175.1 N");
+//! ```
 
 use serde::{Deserialize, Serialize};
 

@@ -17,6 +17,20 @@
 use crate::units::Hertz;
 
 /// The filter. Immutable; its memory is in [`State`].
+///
+/// ```
+/// use mr_damper_model::condition::{LowPass, LowPassState};
+/// use mr_damper_model::units::Hertz;
+///
+/// // A sine of 20 Hz, at the corner frequency: half of its amplitude passes (-6.02 dB).
+/// let (filter, mut state) = (LowPass::new(Hertz(20.0)), LowPassState::default());
+/// let passed = (0..8_000).map(|k| {
+///     let t_s = f64::from(k) / 8_000.0;
+///     filter.step(&mut state, (k > 0).then_some(1.0 / 8_000.0), (std::f64::consts::TAU * 20.0 * t_s).sin())
+/// });
+/// let amplitude = passed.skip(4_000).fold(0.0, f64::max);
+/// assert!((amplitude - 0.5).abs() < 1e-3, "{amplitude}");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LowPass {
     tau_s: f64,

@@ -38,6 +38,16 @@ pub enum ApplyTo {
 }
 
 /// Source of the velocity.
+///
+/// ```
+/// use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
+///
+/// // A slope needs its whole window after a reset, and the low-pass 6.64 time constants.
+/// let slope = Conditioning { velocity: VelocitySource::Slope, slope_window_s: 0.02, ..Conditioning::default() };
+/// assert_eq!((slope.apply_to, slope.settling_time().get()), (ApplyTo::None, 0.02));
+/// let filtered = Conditioning { apply_to: ApplyTo::Output, ..slope };
+/// assert!((filtered.settling_time().get() - 0.02 - 6.64 * filtered.low_pass().tau_s()).abs() < 1e-12);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VelocitySource {
@@ -56,6 +66,25 @@ pub enum VelocitySource {
 }
 
 /// How a model's inputs are computed from displacement. Part of every model file.
+///
+/// ```
+/// use mr_damper_model::condition::{Conditioning, MotionState};
+///
+/// let conditioning = Conditioning::THESIS;
+/// let (filter, mut state) = (conditioning.low_pass(), MotionState::default());
+/// let mut motion = None;
+/// for k in 0..512 {
+///     let dt_s = (k > 0).then_some(1.0 / 512.0);
+///     motion = conditioning.step(&filter, &mut state, dt_s, 0.1 * f64::from(k) / 512.0, None);
+/// }
+/// // After one second at 0.1 m/s: the velocity is exact, and the filter delays displacement by 2 tau.
+/// let motion = motion.expect("a second displacement gives a velocity");
+/// let delayed_m = 0.1 * (511.0 / 512.0 - 2.0 * filter.tau_s());
+/// assert!((motion.velocity_m_s - 0.1).abs() < 1e-9 && (motion.displacement_m - delayed_m).abs() < 1e-9);
+///
+/// let error = Conditioning { cutoff_hz: 0.0, ..conditioning }.validate().unwrap_err();
+/// assert_eq!(error.to_string(), "conditioning.cutoff_hz is 0, but must be between 0.1 and 10000 Hz");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditioning {

@@ -42,6 +42,16 @@ use serde::Serialize;
 use thiserror::Error;
 
 /// Reasons why a model, a model file, a setting or a run cannot be used.
+///
+/// ```
+/// use mr_damper_model::Error;
+/// use mr_damper_model::preset;
+///
+/// let error = preset::load("thesis/fuzzy-tanh/rp3").unwrap_err();
+/// let Error::UnknownPreset { name, nearest } = &error else { panic!("{error}") };
+/// assert_eq!((name.as_str(), nearest.as_str()), ("thesis/fuzzy-tanh/rp3", "thesis/fuzzy-tanh/rp3-cs"));
+/// assert!(error.to_string().contains("the nearest is \"thesis/fuzzy-tanh/rp3-cs\""));
+/// ```
 #[derive(Debug, Clone, PartialEq, Error, Serialize)]
 #[serde(tag = "code", rename_all = "snake_case")]
 #[non_exhaustive]

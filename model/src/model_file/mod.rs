@@ -69,6 +69,21 @@ pub struct ModelFile {
 }
 
 /// Origin of a model.
+///
+/// ```
+/// use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
+/// # use mr_damper_model::preset;
+///
+/// let run = TrainingRun {
+///     name: "monday.csv".to_owned(), samples: 5_120, force_offset_n: -12.5, role: Some(Role::Estimate), ..TrainingRun::default()
+/// };
+/// let provenance = Provenance { tool: "my tool 1.0".to_owned(), runs: vec![run], ..Provenance::default() };
+/// # let model = preset::load(preset::BEST_ARX)?;
+/// let text = ModelFile { model, provenance }.to_toml()?;
+/// assert!(text.contains("role = \"estimate\"") && text.contains("force_offset_n = -12.5"), "{text}");
+/// assert_eq!(ModelFile::from_toml(&text)?.provenance.runs[0].role, Some(Role::Estimate));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Provenance {

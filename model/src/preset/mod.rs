@@ -15,6 +15,20 @@
 //! about 1.4 kN); identify a model of your own for any other damper.
 //!
 //! The printed tables are text files in `model/data`, which the build turns into the arrays of `tables`.
+//!
+//! ```
+//! use mr_damper_model::preset;
+//!
+//! let model = preset::load("thesis/arx-semi-active/rp-icps-l")?;
+//! assert_eq!((model.force.name(), model.force.parameter_count(), model.rate_hz), ("arx", 12, 512.0));
+//! assert!(preset::names().iter().all(|name| preset::load(name).is_ok()));
+//!
+//! // The relation P is not a model: it computes force from the force of the same instant.
+//! let name = &preset::phase_names()[0];
+//! assert!(preset::load(name).unwrap_err().to_string().contains("cannot run as a model"));
+//! assert_eq!(preset::phase(name)?.parameter_count(), 5);
+//! # Ok::<(), mr_damper_model::Error>(())
+//! ```
 
 mod anfis_rows;
 mod arx_rows;

@@ -7,6 +7,19 @@
 //!
 //! The tables `data/errors-*.csv` hold the figures as printed. Where two figures of the source contradict each
 //! other, [`Published::misprint`] says which digit is probably wrong.
+//!
+//! ```
+//! use mr_damper_model::force::Form;
+//! use mr_damper_model::preset::published;
+//!
+//! // The fuzzy-tanh model of RP3-CS has the lowest error over all experiments.
+//! let esr = |trained_on: &str| {
+//!     published::cross_validation("fuzzy-tanh", Form::SemiActive, trained_on).expect("it is printed").esr
+//! };
+//! assert!(esr("RP3-CS") < esr("RP1-CS") && esr("RP3-CS") < esr("RP2-CS"));
+//! // The thesis prints no error of it on its training data.
+//! assert!(published::identification("fuzzy-tanh", Form::SemiActive, "RP3-CS").is_none());
+//! ```
 
 use super::EXPERIMENTS;
 use super::tables::{
@@ -90,6 +103,16 @@ pub fn cross_validation(model: &str, form: Form, trained_on: &str) -> Option<Pub
 
 /// NMSE of the ANFIS model of `trained_on` on the replicates of `tested_on` (second paper). The value for
 /// RP2-CS on RP-PRBS is probably 0.10, not 0.16.
+///
+/// ```
+/// use mr_damper_model::preset::published::{anfis_pair_esr, average_esr};
+///
+/// // The average of the model over all experiments lies between its best and its worst pair.
+/// let experiments = ["RP-ICPS", "RP-APRBS", "RP-PRBS", "RP-APRBS-L", "RP-ICPS-L", "RP1-CS", "RP2-CS", "RP3-CS"];
+/// let pairs = experiments.map(|tested_on| anfis_pair_esr("RP1-CS", tested_on).expect("it is printed"));
+/// let average = average_esr("anfis", "RP1-CS").expect("it is printed");
+/// assert!(pairs.iter().any(|esr| *esr < average) && pairs.iter().any(|esr| *esr > average), "{pairs:?} {average}");
+/// ```
 #[must_use]
 pub fn anfis_pair_esr(trained_on: &str, tested_on: &str) -> Option<f64> {
     let tested_on = EXPERIMENTS.iter().position(|known| known.eq_ignore_ascii_case(tested_on))?;
@@ -104,6 +127,14 @@ pub fn average_esr(model: &str, trained_on: &str) -> Option<f64> {
 }
 
 /// NMSE on the training data, experiments 1 to 10 of the first paper (semi-active: 1 to 5).
+///
+/// ```
+/// use mr_damper_model::force::Form;
+/// use mr_damper_model::preset::published::first_paper_esr;
+///
+/// assert_eq!(first_paper_esr("sp", Form::Passive, 1), Some(0.52));
+/// assert_eq!(first_paper_esr("sp", Form::SemiActive, 6), None, "constant current");
+/// ```
 #[must_use]
 pub fn first_paper_esr(model: &str, form: Form, experiment: usize) -> Option<f64> {
     let [percent] = find(&ERRORS_FIRST_PAPER, [model, word(form)?, &experiment.to_string()])?;
