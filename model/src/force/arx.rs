@@ -36,6 +36,22 @@ pub const LAGS: usize = 3;
 pub const SAVARESI_LAGS: usize = 2;
 
 /// The ARX model.
+///
+/// ```
+/// use mr_damper_model::force::Arx;
+/// use mr_damper_model::sample::DriveKind;
+/// use mr_damper_model::units::Second;
+///
+/// // F_k = 0.5 F_{k-1} + 500 v_k + 100 i_k has one pole at 0.5, so its simulation is stable.
+/// let drive = Some((DriveKind::CoilCurrent, [100.0, 0.0, 0.0]));
+/// let arx = Arx::new([0.5, 0.0, 0.0], [0.0; 3], [500.0, 0.0, 0.0], drive, Second(1.0 / 512.0), 0.0)?;
+/// assert!((arx.pole_moduli()[0] - 0.5).abs() < 1e-6);
+/// assert_eq!((arx.parameter_count(), arx.drive()), (12, Some(DriveKind::CoilCurrent)));
+///
+/// let error = Arx::new([f64::NAN; 3], [0.0; 3], [0.0; 3], None, Second(1.0 / 512.0), 0.0).unwrap_err();
+/// assert_eq!(error.to_string(), "force_lags[0] is NaN, but must be finite");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arx {
     /// Number of lags of each signal; coefficients beyond are zero.

@@ -19,6 +19,19 @@ use crate::sample::DriveKind;
 pub const MAX_DEGREE: usize = 4;
 
 /// How the parameters of a model depend on the drive.
+///
+/// ```
+/// use mr_damper_model::force::{Dependence, FuzzySets, Membership};
+/// use mr_damper_model::sample::DriveKind::CoilCurrent;
+///
+/// // Polynomials: the coefficient of i^d has the weight i^d.
+/// let quadratic = Dependence::Polynomial { drive: CoilCurrent, degree: 2 };
+/// assert_eq!((quadratic.copies(), &quadratic.weights(2.0)[..3]), (3, &[1.0, 2.0, 4.0][..]));
+/// // Fuzzy sets: midway between two centres, both outputs have the weight 1/2.
+/// let sets = FuzzySets::new(Membership { drive: CoilCurrent, sigma: 0.5 }, &[0.0, 2.0])?;
+/// assert_eq!(Dependence::Fuzzy(sets).weights(1.0)[..2], [0.5, 0.5]);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[allow(clippy::large_enum_variant, reason = "boxing the sets would put them on the heap, out of `Copy`")]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Dependence {

@@ -32,6 +32,14 @@ use crate::error::Error;
 use crate::sample::DriveKind;
 
 /// One tanh function: the damper at one drive level.
+///
+/// ```
+/// use mr_damper_model::force::TanhFunction;
+///
+/// // A yield force of 100 N, 500 N s/m beyond it, and kappa = -4 1/s: u = 1 m/s - 4 1/s * 0.01 m = 0.96 m/s
+/// let function = TanhFunction::new([100.0, 500.0, 40.0, -4.0]);
+/// assert!((function.force_n(0.01, 1.0) - (100.0 + 500.0 * 0.96)).abs() < 1e-9);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TanhFunction {
     /// A1, the height of the tanh step, N.
@@ -79,6 +87,21 @@ impl TanhFunction {
 }
 
 /// The current-fuzzy tanh model. It has no state: the force depends on this sample's inputs alone.
+///
+/// ```
+/// use mr_damper_model::force::{FuzzySets, FuzzyTanh, Membership, TanhFunction};
+/// use mr_damper_model::sample::DriveKind;
+///
+/// let sets = FuzzySets::new(Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 }, &[0.0, 2.0])?;
+/// let soft = TanhFunction::new([100.0, 500.0, 40.0, 0.0]); // at 0 A
+/// let hard = TanhFunction::new([900.0, 500.0, 40.0, 0.0]); // at 2 A
+/// let model = FuzzyTanh::new(sets, &[soft, hard], 20.0)?;
+/// // At 1 A both functions have the weight 1/2. The force offset of the session is added.
+/// let mean_n = 0.5 * (soft.force_n(0.0, 0.1) + hard.force_n(0.0, 0.1));
+/// assert!((model.force_n(0.0, 0.1, 1.0) - (mean_n + 20.0)).abs() < 1e-9);
+/// assert!(FuzzyTanh::new(sets, &[soft], 0.0).is_err(), "each set needs a function");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FuzzyTanh {
     sets: FuzzySets,

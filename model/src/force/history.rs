@@ -10,6 +10,26 @@ use super::Inputs;
 pub const DEPTH: usize = 5;
 
 /// The last signals, newest first; NaN where not known.
+///
+/// ```
+/// use mr_damper_model::force::{Arx, History, Inputs};
+/// # use mr_damper_model::units::Second;
+///
+/// // F_k = 0.5 F_{k-1} + 500 v_k, at a velocity of 0.1 m/s
+/// let arx = Arx::new([0.5, 0.0, 0.0], [0.0; 3], [500.0, 0.0, 0.0], None, Second(1.0 / 512.0), 0.0)?;
+/// # let inputs = Inputs {
+/// #     dt_s: Some(1.0 / 512.0), displacement_m: 0.0, velocity_m_s: 0.1, acceleration_m_s2: 0.0, drive: f64::NAN, case_temp_c: 25.0,
+/// # };
+/// let mut history = History::default();
+/// for measured_n in [10.0, 20.0, 30.0] {
+///     history.push_inputs(&inputs);
+///     assert_eq!(arx.predict_n(&history), None, "three measured forces are needed");
+///     history.push_force(measured_n);
+/// }
+/// history.push_inputs(&inputs);
+/// assert_eq!(arx.predict_n(&history), Some(65.0)); // one step ahead: 0.5 * 30 N + 500 N s/m * 0.1 m/s
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct History {
     /// F_{k-1}, F_{k-2}, ... in newtons, including the session's offset.

@@ -66,6 +66,24 @@ pub struct LazyMetric {
 }
 
 /// A memory of points with a local regression at each query.
+///
+/// ```
+/// use mr_damper_model::force::{Lazy, LazyMetric, LazyPoint};
+///
+/// // A memory of points of a damper of 1000 N s/m. Between the points, the model is the plane through the nearest ones.
+/// let point = |k: i32| LazyPoint {
+///     displacement_m: 0.005 * f64::from(k % 3 - 1),
+///     velocity_m_s: 0.05 * f64::from(k / 3 - 2),
+///     drive: 0.0,
+///     force_n: 50.0 * f64::from(k / 3 - 2),
+/// };
+/// let points: Vec<LazyPoint> = (0..15).map(point).collect();
+/// let metric = LazyMetric { displacement_scale_m: 0.005, velocity_scale_m_s: 0.05, drive_scale: None };
+/// let model = Lazy::new(metric, [5, 9], &points, 0.0)?;
+/// assert!((model.force_n(0.001, 0.03, f64::NAN) - 30.0).abs() < 0.1);
+/// assert!(Lazy::new(metric, [5, 9], &points[..8], 0.0).is_err(), "fewer points than neighbours");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lazy {
     metric: LazyMetric,

@@ -30,6 +30,23 @@ pub const LPV_REGRESSORS: usize = 3 * LAGS;
 const MAX_COEFFICIENTS: usize = LPV_REGRESSORS * MAX_FUNCTIONS;
 
 /// The LPV model.
+///
+/// ```
+/// use mr_damper_model::force::{Dependence, LPV_REGRESSORS, Lpv};
+/// use mr_damper_model::sample::DriveKind;
+/// use mr_damper_model::units::Second;
+///
+/// // F_k = 0.5 F_{k-1} + (100 + 400 i) v_k
+/// let mut coefficients = [0.0; 2 * LPV_REGRESSORS];
+/// (coefficients[0], coefficients[6], coefficients[LPV_REGRESSORS + 6]) = (0.5, 100.0, 400.0);
+/// let linear = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
+/// let lpv = Lpv::new(linear, &coefficients, Second(1.0 / 512.0), 0.0)?;
+///
+/// let at_2_a = lpv.frozen(2.0)?;
+/// assert_eq!((at_2_a.force_lags()[0], at_2_a.velocity_lags_n_s_m()[0]), (0.5, 900.0));
+/// assert!(Lpv::new(Dependence::None, &coefficients[..9], Second(1.0 / 512.0), 0.0).is_err(), "that is an ARX model");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lpv {
     dependence: Dependence,

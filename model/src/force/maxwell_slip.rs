@@ -89,6 +89,28 @@ pub(crate) struct SlipSignals {
 }
 
 /// The Maxwell-slip model.
+///
+/// ```
+/// use mr_damper_model::force::{Inputs, MaxwellSlip, SLIP_BRISTLES, SLIP_SEGMENTS, SlipFunction, SlipGrid, SlipState};
+///
+/// // 1000 N s/m, and one bristle that slips at 20 N after some multiples of 1 mm
+/// let grid = SlipGrid::new([0.05, 0.1, 0.2], [1e-3, 2e-3, 3e-3, 4e-3, 5e-3])?;
+/// let mut bristle_forces_n = [0.0; SLIP_BRISTLES];
+/// bristle_forces_n[0] = 20.0;
+/// let function =
+///     SlipFunction { damping_slopes_n_s_m: [1000.0; SLIP_SEGMENTS], bristle_forces_n, ..SlipFunction::default() };
+/// let model = MaxwellSlip::new(grid, None, &[function], 0.0)?;
+///
+/// let at = |dt_s| Inputs {
+///     dt_s, displacement_m: 0.0, velocity_m_s: 0.1, acceleration_m_s2: 0.0, drive: f64::NAN, case_temp_c: 25.0,
+/// };
+/// let mut state = SlipState::default();
+/// assert!((model.force_n(&at(None), &mut state) - 100.0).abs() < 1e-9);
+/// // After 10 ms at 0.1 m/s the bristle has moved by its length.
+/// let force_n = model.force_n(&at(Some(0.01)), &mut state);
+/// assert!((force_n - (100.0 + 20.0 * (1.0 - (-1.0_f64).exp()))).abs() < 1e-9, "{force_n} N");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MaxwellSlip {
     grid: SlipGrid,

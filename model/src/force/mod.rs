@@ -46,6 +46,29 @@ use crate::sample::DriveKind;
 use crate::units::Second;
 
 /// Any force model of this crate.
+///
+/// Any model is simulated with the same three types:
+///
+/// ```
+/// use mr_damper_model::force::{Arx, ForceModel, FreeRun, Inputs};
+/// use mr_damper_model::units::Second;
+///
+/// // F_k = 0.5 F_{k-1} + 500 v_k, with an offset of 20 N: a damper of 500 / (1 - 0.5) = 1000 N s/m behind a lag.
+/// let arx = Arx::new([0.5, 0.0, 0.0], [0.0; 3], [500.0, 0.0, 0.0], None, Second(1.0 / 512.0), 20.0)?;
+/// let (model, mut state) = (ForceModel::Arx(arx), FreeRun::default());
+/// let extending = Inputs {
+///     dt_s: Some(1.0 / 512.0),
+///     displacement_m: 0.0,
+///     velocity_m_s: 0.1,
+///     acceleration_m_s2: 0.0,
+///     drive: f64::NAN, // a passive model ignores it
+///     case_temp_c: f64::NAN,
+/// };
+/// let force_n = (0..100).filter_map(|_| model.free_run(&mut state, &extending)).last();
+/// assert!((force_n.expect("its history is full") - 120.0).abs() < 1e-9);
+/// assert!(model.drive().is_none() && model.remembers());
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[allow(
     clippy::large_enum_variant,
     reason = "boxing the larger ones would put them on the heap, out of `Copy`"

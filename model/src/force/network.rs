@@ -153,6 +153,30 @@ pub struct NetworkScaling {
 }
 
 /// An autoregressive network with one hidden layer.
+///
+/// ```
+/// use mr_damper_model::force::{ForceModel, FreeRun, Inputs, Network, NetworkScaling, NetworkStructure, Normalisation};
+/// use mr_damper_model::units::Second;
+///
+/// let scaling = NetworkScaling {
+///     displacement_m: Normalisation { mean: 0.0, deviation: 0.005 },
+///     velocity_m_s: Normalisation { mean: 0.0, deviation: 0.1 },
+///     drive: None,
+///     force_deviation_n: 300.0,
+/// };
+/// // Five inputs: x_k, x_{k-1}, v_k, v_{k-1}, F_{k-1}. One neuron is used: 2 tanh(v_k / 0.1 m/s).
+/// let (structure, inputs, hidden) = (NetworkStructure::Chen, 5, 25);
+/// let mut weights = vec![0.0; structure.weights(false)];
+/// (weights[2 * hidden], weights[(inputs + 1) * hidden]) = (1.0, 2.0);
+/// let network = ForceModel::Network(Network::new(structure, scaling, &weights, Second(1.0 / 512.0), 0.0)?);
+/// # let extending = Inputs {
+/// #     dt_s: Some(1.0 / 512.0), displacement_m: 0.0, velocity_m_s: 0.1, acceleration_m_s2: 0.0, drive: f64::NAN, case_temp_c: 25.0,
+/// # };
+/// let mut state = FreeRun::default();
+/// let force_n = (0..10).filter_map(|_| network.free_run(&mut state, &extending)).last();
+/// assert!((force_n.expect("its history is full") - 300.0 * 2.0 * 1.0_f64.tanh()).abs() < 1e-6);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Network {
     structure: NetworkStructure,

@@ -38,6 +38,24 @@ pub const PHASE_NAMES: [&str; PHASE_PARAMETERS] =
     ["damping_n_s_m", "force_rate_s", "force_curvature_s2", "cubic_per_n2", "quintic_per_n4"];
 
 /// The relation with its coefficients.
+///
+/// ```
+/// use mr_damper_model::force::{ForceMotion, PHASE_NAMES};
+/// use mr_damper_model::preset;
+///
+/// let relation = preset::phase("thesis/p-passive/rp-icps")?;
+/// let measured = ForceMotion { force_n: 200.0, rate_n_s: 1e4, curvature_n_s2: 0.0 };
+/// // Both forms of the equation agree.
+/// let velocity_m_s = relation.velocity_m_s(&measured, f64::NAN);
+/// assert!((relation.same_instant_n(velocity_m_s, &measured, f64::NAN) - 200.0).abs() < 1e-9);
+///
+/// // As a differential equation it is unstable, with p2 > 0 and p3 < 0.
+/// let [_, p2, p3, ..] = relation.parameters_at(f64::NAN);
+/// assert!(PHASE_NAMES[1] == "force_rate_s" && p2 > 0.0 && p3 < 0.0);
+/// let why = relation.cannot_run(f64::NAN).expect("no published relation can run");
+/// assert!(why.is_unstable() && why.roots.iter().flatten().all(|root| root.re_per_s > 0.0));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Phase {
     drive: Option<DriveKind>,

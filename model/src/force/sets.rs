@@ -27,6 +27,20 @@ pub struct Membership {
 }
 
 /// Memberships with their centres and widths.
+///
+/// ```
+/// use mr_damper_model::force::{FuzzySets, Membership};
+/// use mr_damper_model::sample::DriveKind;
+///
+/// let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 };
+/// let sets = FuzzySets::new(membership, &[0.0, 1.0, 2.0])?;
+/// let weights = sets.weights(0.5);
+/// assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+/// // 1.5 A from the third centre and 0.5 A from the second: exp(-(1.5^2 - 0.5^2) / (2 * 0.5^2)) = exp(-4)
+/// assert!((weights[2] / weights[1] - (-4.0_f64).exp()).abs() < 1e-12);
+/// assert!(FuzzySets::new(membership, &[1.0, 0.0]).is_err(), "centres must increase");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FuzzySets {
     drive: DriveKind,

@@ -125,6 +125,23 @@ pub struct OutputScale {
 }
 
 /// A TSK model. It has no state: the force depends on this sample's inputs alone.
+///
+/// ```
+/// use mr_damper_model::force::{Inputs, Order, OutputScale, Signal, Tsk, TskInput, TskKind, TskSet};
+///
+/// // Two rules: if the velocity is negative, then -300 N; if it is positive, then 300 N.
+/// let sets = [-1.0, 1.0].map(|centre| TskSet::Gaussian { centre, sigma: 1.0 });
+/// let velocity = TskInput::new(Signal::Velocity, 0.0, 0.1, &sets)?;
+/// let output = OutputScale { mean_n: 0.0, std_dev_n: 300.0 };
+/// let model = Tsk::new(TskKind::Anfis, &[velocity], Order::Constant, &[-1.0, 1.0], output, 0.0)?;
+/// # let extending = Inputs {
+/// #     dt_s: None, displacement_m: 0.0, velocity_m_s: 0.1, acceleration_m_s2: 0.0, drive: f64::NAN, case_temp_c: f64::NAN,
+/// # };
+/// // The difference of the two weights is tanh(u), with u = 0.1 m/s / 0.1 m/s.
+/// assert!((model.force_n(&extending) - 300.0 * 1.0_f64.tanh()).abs() < 1e-9);
+/// assert_eq!((model.rules(), model.parameter_count()), (2, 6)); // two constants, two centres, two widths
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tsk {
     kind: TskKind,

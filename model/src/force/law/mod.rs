@@ -164,6 +164,23 @@ macro_rules! laws {
         $(mod $file;)+
 
         /// A force law at one current.
+        ///
+        /// ```
+        /// use mr_damper_model::force::{ForceLaw, Inputs};
+        ///
+        /// let law = ForceLaw::named("kwok").expect("a law of the library");
+        /// let names: Vec<&str> = law.parameters().iter().map(|parameter| parameter.name).collect();
+        /// assert_eq!(names[..3], ["viscous_damping_n_s_m", "stiffness_n_m", "hysteresis_force_n"]);
+        ///
+        /// // f = c v + k x + alpha tanh(beta v + delta sign(x)), at x = 0
+        /// # let extending = Inputs {
+        /// #     dt_s: None, displacement_m: 0.0, velocity_m_s: 0.1, acceleration_m_s2: 0.0, drive: f64::NAN, case_temp_c: f64::NAN,
+        /// # };
+        /// let [c, k, alpha, beta, delta] = [500.0, 1e4, 300.0, 20.0, 0.4];
+        /// let force_n = law.force_n(&[c, k, alpha, beta, delta], &extending, &mut [0.0; 3]);
+        /// assert!((force_n - (c * 0.1 + alpha * (beta * 0.1_f64).tanh())).abs() < 1e-6);
+        /// assert!(!law.has_memory() && ForceLaw::BoucWen.has_memory());
+        /// ```
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
         pub enum ForceLaw {
             $(
@@ -258,6 +275,15 @@ laws! {
 ///
 /// Bounds and starts are given in multiples of the data's own scales, because dampers differ by orders of
 /// magnitude. A yield force of 0.5 to 2 means 0.5 to 2 times the largest force in the runs.
+///
+/// ```
+/// use mr_damper_model::force::ForceLaw;
+/// use mr_damper_model::force::law::{Kind, Scale};
+///
+/// let damping = ForceLaw::Kwok.parameters()[0];
+/// assert_eq!((damping.name, damping.kind), ("viscous_damping_n_s_m", Kind::Linear));
+/// assert_eq!(damping.scale, Scale::new(1, 0, -1, 0)); // N·s/m: largest force over largest velocity
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
     /// Name as in the model file, with its unit.
@@ -358,6 +384,19 @@ impl ForceLaw {
 
 /// One sample of a law with its derivatives; see [`ForceLaw::sensitivity`]. Entries beyond the law's parameters
 /// are zero, and so are all entries for hidden variables of a law without memory.
+///
+/// ```
+/// # use mr_damper_model::force::Inputs;
+/// use mr_damper_model::force::ForceLaw;
+///
+/// # let extending = Inputs {
+/// #     dt_s: None, displacement_m: 0.0, velocity_m_s: 0.1, acceleration_m_s2: 0.0, drive: f64::NAN, case_temp_c: f64::NAN,
+/// # };
+/// // f = c v + k x + alpha tanh(...): the derivative with respect to c is v = 0.1 m/s, and with respect to k it is x = 0.
+/// let found = ForceLaw::Kwok.sensitivity(&[500.0, 1e4, 300.0, 20.0, 0.4], &extending, &mut [0.0; 3]);
+/// assert_eq!(found.force_by_parameter[..2], [0.1, 0.0]);
+/// assert_eq!(found.force_by_hidden, [0.0; 3], "this law has no memory");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sensitivity {
     /// Force, N.
@@ -398,6 +437,25 @@ fn sign(x: f64) -> f64 {
 }
 
 /// A force law with its coefficients and its dependence on the drive: a complete model.
+///
+/// ```
+/// use mr_damper_model::force::{Dependence, ForceLaw, Inputs, LawModel, LawState};
+/// use mr_damper_model::sample::DriveKind;
+///
+/// // Kwok's law, with a step of alpha = 100 N + 400 N/A * i
+/// let linear = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
+/// let coefficients = [500.0, 0.0, 100.0, 40.0, 0.0, /* per ampere: */ 0.0, 0.0, 400.0, 0.0, 0.0];
+/// let model = LawModel::new(ForceLaw::Kwok, linear, &coefficients, 0.0)?;
+/// # let extending = Inputs {
+/// #     dt_s: None, displacement_m: 0.0, velocity_m_s: 0.1, acceleration_m_s2: 0.0, drive: 2.0, case_temp_c: f64::NAN,
+/// # };
+/// let force_n = model.force_n(&extending, &mut LawState::default()); // at 0.1 m/s and 2 A
+/// assert!((force_n - (50.0 + 900.0 * 4.0_f64.tanh())).abs() < 1e-6);
+///
+/// let error = LawModel::new(ForceLaw::Kwok, linear, &coefficients[..5], 0.0).unwrap_err();
+/// assert!(error.to_string().contains("has 5 values, but 10 (5 parameters times 2)"), "{error}");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LawModel {
     law: ForceLaw,

@@ -7,6 +7,16 @@ use super::{Order, Shape, Signal};
 use crate::sample::DriveKind;
 
 /// A TSK model of the thesis or its literature review.
+///
+/// ```
+/// use mr_damper_model::force::{Order, Shape, TskKind};
+/// use mr_damper_model::sample::DriveKind;
+///
+/// let kind = TskKind::from_name("tsk-243").expect("the model of Schurter and Roschke");
+/// assert_eq!((kind.shape(), kind.order()), (Shape::Gaussian, Order::First));
+/// let rules = |drive| kind.structure(drive).iter().map(|(_, sets)| sets).product::<usize>();
+/// assert_eq!((rules(Some(DriveKind::CoilCurrent)), rules(None)), (24, 8)); // 2 * 4 * 3; without drive 2 * 4
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum TskKind {
     /// ANFIS (thesis 4.5, appendix C): 3 Gaussians each over displacement, velocity, drive; first order. The

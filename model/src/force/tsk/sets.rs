@@ -56,6 +56,19 @@ pub enum Shape {
 }
 
 /// One input of a TSK model: the signal, its normalisation, its memberships.
+///
+/// ```
+/// use mr_damper_model::force::{Signal, TskInput, TskSet};
+///
+/// // Triangles about -0.1, 0 and 0.1 m/s; the outer two are shoulders.
+/// let triangle = |peak: f64| TskSet::Triangle { left: peak - 1.0, peak, right: peak + 1.0 };
+/// let input = TskInput::new(Signal::Velocity, 0.0, 0.1, &[triangle(-1.0), triangle(0.0), triangle(1.0)])?;
+/// let weights = |raw_m_s| input.weights(input.normalise(raw_m_s));
+/// assert_eq!(weights(0.025)[..3], [0.0, 0.75, 0.25]);
+/// assert_eq!(weights(5.0)[..3], [0.0, 0.0, 1.0]);
+/// assert!(TskInput::new(Signal::Velocity, 0.0, 0.1, &[triangle(1.0), triangle(0.0)]).is_err(), "peaks must increase");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TskInput {
     signal: Signal,
