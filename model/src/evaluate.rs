@@ -44,6 +44,26 @@ pub struct Coverage {
 }
 
 /// Accumulates an evaluation from the events of a live or replaying pipeline.
+///
+/// ```
+/// use mr_damper_model::evaluate::{Evaluator, evaluate_into};
+/// use mr_damper_model::pipeline::Settings;
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let model = preset::load(preset::BEST_FUZZY_TANH)?;
+/// let run = |current_a| {
+///     record(&Experiment::sine(0.01, 2.0, current_a, 2.0), &Plant::default(), &Channels::default(), 1)
+/// };
+/// // One error over two runs, at 0 A and 1.2 A
+/// let mut evaluator = Evaluator::default();
+/// evaluate_into(&mut evaluator, model, &run(0.0), Settings::default(), |_| true)?;
+/// let soft = evaluator.finish().free_run.expect("the run has a force");
+/// evaluate_into(&mut evaluator, model, &run(1.2), Settings::default(), |_| true)?;
+/// let both = evaluator.finish().free_run.expect("the runs have a force");
+/// assert_eq!(both.samples, 2 * soft.samples);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Evaluator {
     free: ErrorSum,
@@ -126,6 +146,23 @@ impl Evaluator {
 }
 
 /// Evaluates `model` on `run`; `counts` says whether a sample with this stamp is included.
+///
+/// ```
+/// use mr_damper_model::evaluate::evaluate;
+/// use mr_damper_model::pipeline::Settings;
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+/// use mr_damper_model::sample::Stamp;
+///
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 3.0), &Plant::default(), &Channels::default(), 1);
+/// let after_one_second = |stamp| stamp >= Stamp::from_nanos(1_000_000_000);
+/// let found = evaluate(preset::load(preset::BEST_ARX)?, &run, Settings::default(), after_one_second)?;
+/// // An ARX model predicts one step ahead from measured force, and is more accurate than its simulation.
+/// let (free_run, one_step) = (found.free_run.expect("there is force"), found.one_step.expect("ARX"));
+/// assert!(one_step.rsse_n < 0.5 * free_run.rsse_n, "{} N, {} N", one_step.rsse_n, free_run.rsse_n);
+/// assert!(free_run.samples <= 1024, "two seconds at 512 Hz");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 ///
 /// # Errors
 /// If the run has no force or not the drive that the model needs, or if the settings do not suit the model.

@@ -155,6 +155,31 @@ pub fn cells(specs: &[ModelSpec], experiments: &[Experiment]) -> Vec<Cell> {
 /// Runs one cell: identifies the model on the experiment's training runs and tests it on every other run.
 /// Also returns the model, if there is one.
 ///
+/// ```
+/// use mr_damper_model::compare::{self, Experiment, Replicate, Summary};
+/// use mr_damper_model::condition::Conditioning;
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch};
+/// use mr_damper_model::rig::{self, Channels, Plant, record};
+///
+/// let planned = rig::Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(5.0);
+/// let replicate = |number: u32| {
+///     let run = record(&planned, &Plant::default(), &Channels::default(), number.into());
+///     let data = Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default())?;
+///     Ok::<_, mr_damper_model::Error>(Replicate { number, data })
+/// };
+/// // Trained on the first replicate, tested on the second
+/// let experiments =
+///     [Experiment { name: planned.name.clone(), replicates: vec![replicate(1)?, replicate(2)?], training: 1 }];
+/// let mut finished = Vec::new();
+/// for cell in compare::cells(&[ModelSpec::ARX_PASSIVE, ModelSpec::ARX_SEMI_ACTIVE], &experiments) {
+///     finished.push(compare::run(cell, &experiments, &Options::default(), &Watch::none())?.0);
+/// }
+/// assert_eq!(finished.iter().map(|cell| cell.cross_validation.len()).collect::<Vec<_>>(), [1, 1]);
+/// // Simulation and one-step-ahead prediction are ranked apart, so two models have four summaries.
+/// assert_eq!(Summary::of(&finished).len(), 4);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Cancelled`] only; any other failure is recorded in the cell.
 ///

@@ -14,6 +14,13 @@
 use std::cmp::Ordering;
 
 /// The numbers of a box plot.
+///
+/// ```
+/// use mr_damper_model::compare::BoxPlot;
+///
+/// let nmse = BoxPlot::of([0.01, 0.02, 0.03, 0.04, 0.9]).expect("there are values");
+/// assert_eq!((nmse.median, nmse.upper_whisker, nmse.outliers), (0.03, 0.04, vec![0.9]));
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoxPlot {
     /// The smallest value within 1.5 box lengths below the box.
@@ -61,6 +68,14 @@ fn quantile(sorted: &[f64], q: f64) -> Option<f64> {
 
 /// Rank correlation (Kendall's tau-b) of paired values: 1 for the same order, -1 for the reverse order.
 /// `None` if all values of one side are equal.
+///
+/// ```
+/// use mr_damper_model::compare::kendall_tau;
+///
+/// // The ranks of three models in two sources: two of the three pairs have the same order.
+/// assert_eq!(kendall_tau(&[(0.01, 0.02), (0.02, 0.05), (0.03, 0.04)]), Some(1.0 / 3.0));
+/// assert_eq!(kendall_tau(&[(0.01, 0.02), (0.01, 0.05)]), None);
+/// ```
 #[must_use]
 pub fn kendall_tau(pairs: &[(f64, f64)]) -> Option<f64> {
     let (mut alike, mut against, mut tied_first, mut tied_second) = (0.0, 0.0, 0.0, 0.0);

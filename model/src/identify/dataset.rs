@@ -84,6 +84,23 @@ impl Row {
 }
 
 /// A conditioned run.
+///
+/// ```
+/// use mr_damper_model::condition::Conditioning;
+/// use mr_damper_model::identify::{Dataset, DatasetOptions};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 3.0), &Plant::default(), &Channels::PERFECT, 1);
+/// let half_rate = DatasetOptions { rate_hz: Some(256.0), ..DatasetOptions::default() };
+/// let data = Dataset::from_run(&run, &Conditioning::THESIS, &half_rate)?;
+/// // Every second displacement is a row, except the first one, which has no velocity.
+/// assert_eq!(data.rows.len(), run.displacement_m.len() / 2 - 1);
+/// // The sine has a peak speed of 2 pi 2 Hz 0.01 m = 0.126 m/s. At 2 Hz the filter of the thesis passes 99 % of it.
+/// let middle = &data.rows[256..512];
+/// let peak_m_s = middle.iter().map(|row| row.velocity_m_s).fold(0.0, f64::max);
+/// assert!((peak_m_s - 0.99 * 0.126).abs() < 0.001, "{peak_m_s} m/s");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset {
     /// Name of the run.

@@ -72,6 +72,36 @@ pub struct Minimum {
 /// Minimises `problem` from `start` within `bounds`, one pair of lower and upper bound per parameter; bounds
 /// may be infinite. `start` is first clamped to the bounds. `None` if the work was cancelled.
 ///
+/// ```
+/// use mr_damper_model::identify::least_squares::{Normal, Problem, Stop, minimise};
+/// use nalgebra::{DMatrix, DVector};
+///
+/// // The time constant of a decay e^(-t / T), from its values at 1 s and 2 s
+/// struct Decay([(f64, f64); 2]);
+///
+/// impl Problem for Decay {
+///     fn normal(&self, parameters: &[f64]) -> Option<Normal> {
+///         let (mut cost, mut square, mut gradient) = (0.0, 0.0, 0.0);
+///         for (t_s, measured) in self.0 {
+///             let model = (-t_s / parameters[0]).exp();
+///             let (residual, slope) = (model - measured, model * t_s / parameters[0].powi(2));
+///             cost += residual * residual;
+///             square += slope * slope;
+///             gradient += slope * residual;
+///         }
+///         let (square, gradient) = (DMatrix::from_element(1, 1, square), DVector::from_element(1, gradient));
+///         Some(Normal { cost, square, gradient })
+///     }
+/// }
+///
+/// let decay = Decay([1.0_f64, 2.0].map(|t_s| (t_s, (-t_s / 0.7).exp())));
+/// let found = minimise(&decay, &[2.0], &[[0.1, 10.0]], &Stop::default()).expect("it is not cancelled");
+/// assert!(found.converged && (found.parameters[0] - 0.7).abs() < 1e-6, "{found:?}");
+/// // A bound that excludes the minimum is where the search ends.
+/// let bounded = minimise(&decay, &[2.0], &[[1.0, 10.0]], &Stop::default()).expect("it is not cancelled");
+/// assert_eq!(bounded.parameters, [1.0]);
+/// ```
+///
 /// # Panics
 /// If `bounds` and `start` differ in length.
 pub fn minimise(problem: &impl Problem, start: &[f64], bounds: &[[f64; 2]], stop: &Stop) -> Option<Minimum> {

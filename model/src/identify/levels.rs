@@ -36,6 +36,18 @@ const ROWS_PER_PARAMETER: usize = 10;
 const EVEN_SETS: usize = 7;
 
 /// Membership functions over the drive, and their source.
+///
+/// ```
+/// use mr_damper_model::identify::{MembershipSource, Memberships};
+/// use mr_damper_model::sample::DriveKind;
+///
+/// // The current of the run has two levels, so there are two sets. Their width is half the distance.
+/// let current_a = (0..1000).map(|k| if k < 500 { 0.0 } else { 1.0 });
+/// let found = Memberships::from_drive(DriveKind::CoilCurrent, current_a)?;
+/// assert_eq!((found.source, found.sets.centres()), (MembershipSource::Levels, &[0.0, 1.0][..]));
+/// assert_eq!(found.sets.sigmas(), [0.5, 0.5]);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Memberships {
     /// The sets.

@@ -117,6 +117,26 @@ pub fn identify(
 /// Identifies a model from conditioned runs, so that many models can share them. All runs must have the same
 /// conditioning. `conditioning`, `choose_velocity` and `dataset` of `options` are ignored.
 ///
+/// ```
+/// use mr_damper_model::condition::Conditioning;
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets, persistence};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(8.0);
+/// let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
+/// let data = [Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default())?];
+///
+/// // Least-squares fits to the same rows: the drive terms reduce the error of the one-step-ahead prediction.
+/// let rsse_n = |spec| {
+///     let found = identify_datasets(spec, &data, &Options::default(), &Watch::none())?;
+///     Ok::<f64, mr_damper_model::Error>(found.one_step.expect("ARX predicts from force").rsse_n)
+/// };
+/// let (passive_n, semi_active_n) = (rsse_n(ModelSpec::ARX_PASSIVE)?, rsse_n(ModelSpec::ARX_SEMI_ACTIVE)?);
+/// let persistence_n = persistence(&data[0]).expect("there are rows").rsse_n;
+/// assert!(semi_active_n < passive_n && passive_n < persistence_n, "{semi_active_n} {passive_n} {persistence_n}");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
 /// # Errors
 /// As [`identify`]; also [`IdentifyError::DifferentConditioning`].
 pub fn identify_datasets(

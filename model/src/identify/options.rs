@@ -6,6 +6,21 @@ use super::{Identified, Memberships};
 use crate::condition::Conditioning;
 
 /// Centres of the fuzzy sets over the drive; in the free form these are the starting values.
+///
+/// ```
+/// use mr_damper_model::identify::{ModelSpec, Options, Placement, Watch, identify};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(10.0);
+/// let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
+/// let placement = Placement::Given { centres: vec![0.0, 1.2, 2.5], sigma: None };
+/// let options = Options { placement, choose_velocity: false, restarts: 1, ..Options::default() };
+/// let found = identify(ModelSpec::FUZZY_TANH, &[run], &options, &Watch::none())?;
+/// // Half of the mean distance of the centres
+/// let sets = found.memberships.expect("fuzzy-tanh has sets").sets;
+/// assert_eq!((sets.centres(), sets.sigmas()[0]), (&[0.0, 1.2, 2.5][..], 0.625));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Placement {
     /// Chosen from the runs ([`Memberships::from_drive`]).

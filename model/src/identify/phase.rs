@@ -58,6 +58,24 @@ pub struct IdentifiedPhase {
 
 /// Fits P to `datasets`.
 ///
+/// ```
+/// use mr_damper_model::condition::Conditioning;
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, PhaseOptions, Watch, identify_phase, score_phase};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(8.0);
+/// let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
+/// let data = [Dataset::from_run(&run, &Conditioning::THESIS, &DatasetOptions::default())?];
+/// let options = PhaseOptions::default();
+/// let found = identify_phase(&data, &options, &Watch::none())?;
+/// // The relation explains more than half of the variance of the force at the same instant. It cannot run, because its
+/// // differential equation is unstable.
+/// assert!(found.same_instant.esr < 0.5, "NMSE {}", found.same_instant.esr);
+/// assert!(found.phase.cannot_run(f64::NAN).is_some());
+/// assert_eq!(score_phase(&found.phase, &data[0], &options)?, Some(found.same_instant));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
 /// # Errors
 /// [`IdentifyError`] without datasets, with too few rows, or with constant force; [`Error::WrongDrive`] if a
 /// run does not have `options.drive`; [`Error::OutOfRange`] for invalid options; [`Error::Cancelled`].

@@ -37,6 +37,31 @@ pub struct Scores {
 
 /// Scores `model` on `dataset`.
 ///
+/// ```
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, Scores, Watch, score, walk};
+/// use mr_damper_model::metrics::ErrorSum;
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+/// use std::ops::ControlFlow;
+///
+/// let model = preset::load(preset::BEST_FUZZY_TANH)?;
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 3.0), &Plant::default(), &Channels::default(), 1);
+/// let data = Dataset::from_run(&run, &model.conditioning, &DatasetOptions::default())?;
+/// let Scores { free_run, one_step, diverged, .. } = score(&model.augmented(), &data, &Watch::none())?;
+/// assert!(!diverged && one_step.is_none(), "fuzzy-tanh does not predict from measured force");
+///
+/// // The same figure, row by row
+/// let mut sum = ErrorSum::default();
+/// let ended = walk(&model.augmented(), &data, |row, predicted| {
+///     if row.counts {
+///         sum.add(row.force_n, predicted.free_run_n);
+///     }
+///     ControlFlow::Continue(())
+/// });
+/// assert!(ended.is_continue() && sum.fit() == free_run);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::WrongDrive`] and [`Error::MissingChannel`] if the run does not have the model's drive or an
 /// effect's channel; [`Error::WrongRate`] if the model's input includes force and its rate differs from the run's;
@@ -175,6 +200,21 @@ pub fn walk(
 
 /// Simulates `model` over `rows` from one new state and sums its force, N. It does nothing else, so that
 /// benchmarks measure the bare cost of a model.
+///
+/// ```
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, sum_of_free_run};
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let model = preset::load(preset::BEST_FUZZY_TANH)?;
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 3.0), &Plant::default(), &Channels::PERFECT, 1);
+/// let data = Dataset::from_run(&run, &model.conditioning, &DatasetOptions::default())?;
+/// // An offset of 10 N adds 10 N at each row with a force.
+/// let with_n = |offset_n| sum_of_free_run(&model.augmented().with_force_offset_n(offset_n), &data.rows);
+/// let forces = ((with_n(10.0) - with_n(0.0)) / 10.0).round() as usize;
+/// assert!(forces <= data.rows.len() && forces + 2 >= data.rows.len(), "{forces} of {}", data.rows.len());
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[must_use]
 pub fn sum_of_free_run(model: &Augmented, rows: &[Row]) -> f64 {
     let mut state = AugmentedState::default();

@@ -32,6 +32,20 @@ pub enum Structure {
 }
 
 /// Selects the model to identify.
+///
+/// ```
+/// use mr_damper_model::force::Form;
+/// use mr_damper_model::identify::{ModelSpec, Structure};
+///
+/// assert_eq!(ModelSpec::named("fuzzy-tanh", Form::SemiActive)?, ModelSpec::FUZZY_TANH);
+/// let error = ModelSpec::named("fuzy-tanh", Form::SemiActive).unwrap_err();
+/// assert!(error.to_string().contains("did you mean fuzzy-tanh?"), "{error}");
+///
+/// // The passive form of lpv is arx, so it does not exist.
+/// assert!(ModelSpec::new(Structure::Lpv, Form::Passive).is_err());
+/// assert!(ModelSpec::new(Structure::Lpv, Form::SemiActive)?.feeds_on_force());
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ModelSpec {
     structure: Structure,

@@ -118,6 +118,23 @@ pub struct FittedTsk {
 /// Fits a model of `kind` to the counted rows of `datasets`. With a `drive`, every dataset must have it;
 /// without one, the form is passive.
 ///
+/// ```
+/// use mr_damper_model::condition::Conditioning;
+/// use mr_damper_model::force::TskKind;
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, Evolution, Learning, TskOptions, Watch, fit_tsk};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(8.0);
+/// let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
+/// let data = [Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default())?];
+/// let options = TskOptions { epochs: 5, learning: Learning::Gradient, evolution: Evolution::default() };
+/// let found = fit_tsk(&data, TskKind::Anfis, data[0].drive, &options, &Watch::none())?;
+/// // Learning moves the memberships, and the error never rises.
+/// let errors_n = &found.epoch_rsse_n;
+/// assert!(errors_n.windows(2).all(|pair| pair[1] <= pair[0]) && errors_n[errors_n.len() - 1] < errors_n[0], "{errors_n:?}");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Identify`] for too few rows or a constant channel; [`Error::Cancelled`].
 pub fn fit_tsk(

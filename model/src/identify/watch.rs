@@ -36,6 +36,24 @@ pub enum Progress {
 }
 
 /// Progress callback and cancellation flag of an identification.
+///
+/// ```
+/// use mr_damper_model::Error;
+/// use mr_damper_model::identify::{ModelSpec, Options, Progress, Watch, identify};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+/// use std::sync::atomic::{AtomicBool, Ordering};
+///
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 3.0), &Plant::default(), &Channels::default(), 1);
+/// // Cancels after the first restart; a user interface would set the flag.
+/// let cancel = AtomicBool::new(false);
+/// let progress = |progress| {
+///     if let Progress::Restart { .. } = progress {
+///         cancel.store(true, Ordering::Relaxed);
+///     }
+/// };
+/// let watch = Watch { cancel: Some(&cancel), progress: Some(&progress) };
+/// assert_eq!(identify(ModelSpec::FUZZY_TANH, &[run], &Options::default(), &watch).unwrap_err(), Error::Cancelled);
+/// ```
 #[derive(Clone, Copy, Default)]
 pub struct Watch<'a> {
     /// Set to `true` from any thread to end the work within a fraction of a second, with
