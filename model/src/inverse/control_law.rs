@@ -24,6 +24,17 @@
 use crate::error::Error;
 
 /// A control law.
+///
+/// ```
+/// use mr_damper_model::inverse::{ControlLaw, Demand};
+///
+/// // The body moves up at 0.5 m/s and the damper extends at 0.2 m/s: a skyhook damper of 800 N s/m pulls with 400 N.
+/// let skyhook = ControlLaw::Skyhook(800.0);
+/// assert_eq!(skyhook.demand(None, Some(0.5), 0.2), Demand::Force(400.0));
+/// assert_eq!(skyhook.demand(None, None, 0.2), Demand::None, "the velocity of the body is not known");
+/// let error = ControlLaw::Fixed(3.0).validate(2.5).unwrap_err();
+/// assert_eq!(error.to_string(), "fixed.current_a is 3, but must be between 0 and current.max_a");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum ControlLaw {
     /// Commands nothing.

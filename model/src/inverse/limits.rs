@@ -3,6 +3,15 @@
 use crate::error::Error;
 
 /// Limits and time constants of a command.
+///
+/// ```
+/// use mr_damper_model::inverse::Limits;
+///
+/// let driver = Limits { current_max_a: 2.0, safe_a: 0.5, ..Limits::default() };
+/// assert!(driver.validate().is_ok());
+/// let error = Limits { safe_a: 3.0, ..driver }.validate().unwrap_err();
+/// assert_eq!(error.to_string(), "current.safe_a is 3, but must be between 0 and current.max_a");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// Largest current, A. The least is 0: the sign of a coil's current does not matter.

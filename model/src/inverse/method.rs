@@ -19,6 +19,19 @@
 //! than lag the coil or add a force.
 
 /// How the current for a force is found.
+///
+/// ```
+/// use mr_damper_model::inverse::{InverseController, Limits, Method};
+/// use mr_damper_model::preset;
+///
+/// let method = Method::named("polynomial").expect("a method of the library");
+/// let fuzzy_tanh = preset::load(preset::BEST_FUZZY_TANH)?;
+/// assert!(InverseController::with_method(&fuzzy_tanh, Limits::default(), method).is_ok());
+/// // ARX is autoregressive in force, so its inverse is not a function of motion and force.
+/// let arx = preset::load(preset::BEST_ARX)?;
+/// assert!(InverseController::with_method(&arx, Limits::default(), method).is_err());
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Method {
     /// A bracketed search on the model, or its closed form if it is linear in the current.

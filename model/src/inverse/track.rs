@@ -124,6 +124,27 @@ pub struct Trajectory {
 
 /// Tracks `trajectory` on `model` itself, with a copy of `controller`, which must belong to that model.
 ///
+/// ```
+/// use mr_damper_model::inverse::track::{Figures, Trajectory, on_model};
+/// use mr_damper_model::inverse::{InverseController, Limits};
+/// use mr_damper_model::preset;
+///
+/// let model = preset::load(preset::BEST_FUZZY_TANH)?;
+/// let controller = InverseController::new(&model, Limits::default())?;
+/// // Demand a linear damper of 5000 N s/m while the rod moves by 0.01 m at 2 Hz.
+/// let phase = |k: usize| std::f64::consts::TAU * 2.0 * k as f64 / 512.0;
+/// let speed_m_s = 0.01 * std::f64::consts::TAU * 2.0;
+/// let trajectory = Trajectory {
+///     dt_s: (0..1024).map(|k| (k > 0).then_some(1.0 / 512.0)).collect(),
+///     displacement_m: (0..1024).map(|k| 0.01 * phase(k).sin()).collect(),
+///     force_n: (0..1024).map(|k| 5000.0 * speed_m_s * phase(k).cos()).collect(),
+/// };
+/// let figures = Figures::of(&on_model(&model, &controller, &trajectory)?);
+/// assert!(figures.error_achievable < 0.02, "{figures:?}");
+/// assert_eq!((figures.dissipative_violations, figures.rate_limited), (0, 0));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::MissingChannel`] for a model that needs measured velocity.
 pub fn on_model(
@@ -162,6 +183,28 @@ pub struct TrackingRig<'a> {
 }
 
 /// Tracks `force_n`, one value per sample of `motion`, on the rig, with a copy of `controller`, which must belong to `model`.
+///
+/// ```
+/// use mr_damper_model::inverse::track::{Figures, TrackingRig, on_rig};
+/// use mr_damper_model::inverse::{InverseController, Limits};
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Motion, Plant};
+///
+/// let model = preset::load(preset::BEST_FUZZY_TANH)?;
+/// let controller = InverseController::new(&model, Limits::default())?;
+/// // Demand a linear damper of 5000 N s/m while the rod moves by 0.01 m at 2 Hz.
+/// let displacement_m = (0..1024).map(|k| 0.01 * (std::f64::consts::TAU * 2.0 * f64::from(k) / 512.0).sin());
+/// let motion = Motion::recorded(displacement_m.collect());
+/// let force_n: Vec<f64> = motion.velocity_m_s.iter().map(|v| 5000.0 * v).collect();
+/// let error = |feedback| {
+///     let rig = TrackingRig { plant: &Plant::default(), channels: &Channels::default(), seed: 1, feedback };
+///     Ok::<_, mr_damper_model::Error>(Figures::of(&on_rig(&model, &controller, &motion, &force_n, &rig)?).error)
+/// };
+/// // The plant differs from the model. Measured force corrects a part of that.
+/// let (open, closed) = (error(false)?, error(true)?);
+/// assert!(closed < open && open < 1.0, "{closed} {open}");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 ///
 /// # Errors
 /// Those of [`on_model`].

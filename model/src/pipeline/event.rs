@@ -188,6 +188,29 @@ impl Cause {
 }
 
 /// A sample that was not used.
+///
+/// ```
+/// use mr_damper_model::pipeline::{Event, Models, Pipeline, Reasons, Refused, Settings};
+/// use mr_damper_model::preset;
+/// use mr_damper_model::sample::{Reading, Sample, Stamp};
+/// use mr_damper_model::units::Metre;
+///
+/// let models = Models::alone(preset::load(preset::BEST_FUZZY_TANH)?);
+/// let mut pipeline = Pipeline::new(models, Settings::default())?;
+/// let mut refused = Vec::new();
+/// for (ms, displacement_m) in [(0, 0.0), (2, f64::NAN), (1, 0.0), (1, 0.001)] {
+///     let stamp = Stamp::from_nanos(ms * 1_000_000);
+///     let sample = Sample { stamp, received: stamp, reading: Reading::Displacement(Metre(displacement_m)) };
+///     pipeline.step(&sample, &mut |event| {
+///         if let Event::Refusal(refusal) = event {
+///             refused.push(refusal.why);
+///         }
+///     });
+/// }
+/// assert_eq!(refused, [Refused::NotFinite, Refused::Repeated]);
+/// assert!(Refused::Repeated.reasons().has(Reasons::INPUT_REFUSED));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Refusal {
     /// The sample.
@@ -299,6 +322,15 @@ impl Validity {
 }
 
 /// Reason bits of an estimate, with the values of `ForceEstimate.msg`.
+///
+/// ```
+/// use mr_damper_model::pipeline::{Reasons, Validity};
+///
+/// let reasons = Reasons::FORCE_LOST | Reasons::DRIVE_STALE;
+/// assert_eq!(reasons.names().collect::<Vec<_>>(), ["DRIVE_STALE", "FORCE_LOST"]);
+/// assert_eq!(reasons.validity(), Validity::Stale, "the worst of the two");
+/// assert!(reasons.has(Reasons::FORCE_LOST) && !reasons.any(Reasons::OVERLOAD | Reasons::LATE));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Reasons(pub u32);
 

@@ -27,6 +27,32 @@ const DWELL_S: f64 = 1.0;
 const COAST_DWELL_S: f64 = 0.1;
 
 /// Mode of a pipeline, with the values of `ForceEstimate.msg`.
+///
+/// ```
+/// use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Settings};
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+/// use mr_damper_model::sample::Channel;
+///
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 3.0), &Plant::default(), &Channels::default(), 1);
+/// let arx = Models::alone(preset::load(preset::BEST_ARX)?);
+/// let mut pipeline = Pipeline::new(arx, Settings::default())?;
+/// let mut modes = Vec::new();
+/// for (k, sample) in run.samples().enumerate() {
+///     // Measured force is lost in the last third of the run.
+///     if sample.reading.channel() == Channel::Force && k > 3 * 1024 {
+///         continue;
+///     }
+///     pipeline.step(&sample, &mut |event| {
+///         if let Event::Transition(change) = event {
+///             modes.push(change.to);
+///         }
+///     });
+/// }
+/// // ARX runs while it has force, continues from its own predictions for 0.2 s, and then the simulation takes over.
+/// assert_eq!(modes[modes.len() - 3..], [Mode::Arx, Mode::ArxCoast, Mode::Model]);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Mode {

@@ -47,6 +47,17 @@ const GIVES: f64 = 0.2;
 const LEAST_SPEED_M_S: f64 = 5e-3;
 
 /// Limits of plausible readings.
+///
+/// ```
+/// use mr_damper_model::pipeline::{Plausible, Settings};
+///
+/// // A stroke of 60 mm, and a load cell for 5 kN
+/// let plausible = Plausible { displacement_max_m: 0.03, force_max_n: 5_000.0, ..Plausible::default() };
+/// let settings = Settings { plausible, ..Settings::default() };
+/// assert!(settings.validate().is_ok());
+/// let error = Plausible { stuck_s: 0.0, ..plausible }.validate().unwrap_err();
+/// assert_eq!(error.to_string(), "plausible.stuck_s is 0, but must be above 0 and at most 1e9");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plausible {
     /// Largest displacement either way, m. Larger ones are refused.

@@ -19,6 +19,15 @@ pub enum UseForce {
 }
 
 /// Settings of a pipeline.
+///
+/// ```
+/// use mr_damper_model::pipeline::Settings;
+///
+/// let slow_force = Settings { force_timeout_s: 0.2, ..Settings::default() };
+/// assert!(slow_force.validate().is_ok());
+/// let error = Settings { force_timeout_s: -0.05, ..slow_force }.validate().unwrap_err();
+/// assert_eq!(error.to_string(), "force_timeout_s is -0.05, but must be above 0 and at most 3600 s");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// The only mode that is allowed: arx, model or fault. `None`: the best mode whose conditions hold.

@@ -10,6 +10,36 @@ use crate::error::{Error, PipelineError};
 use crate::inverse::{InverseController, Method};
 
 /// Models and settings that have been checked against each other.
+///
+/// ```
+/// use mr_damper_model::pipeline::{Event, Models, Pipeline, PipelineSetup, Settings};
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let models = |name: &str| Ok::<_, mr_damper_model::Error>(Models::alone(preset::load(name)?));
+/// let mut pipeline = Pipeline::new(models("thesis/fuzzy-tanh/rp1-cs")?, Settings::default())?;
+/// let next = PipelineSetup::new(models("thesis/fuzzy-tanh/rp3-cs")?, Settings::default())?;
+///
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 2.0), &Plant::default(), &Channels::PERFECT, 1);
+/// let mut estimates = Vec::new();
+/// let mut emit = |event| {
+///     if let Event::Estimate(estimate) = event {
+///         estimates.push(estimate);
+///     }
+/// };
+/// let samples: Vec<_> = run.samples().collect();
+/// let (before, after) = samples.split_at(samples.len() / 2);
+/// before.iter().for_each(|sample| pipeline.step(sample, &mut emit));
+/// pipeline.take(next, &mut emit);
+/// after.iter().for_each(|sample| pipeline.step(sample, &mut emit));
+///
+/// // Each displacement has an estimate. The step between the models decays within some multiples of 50 ms.
+/// assert_eq!(estimates.len(), run.displacement_m.len());
+/// let swapped = estimates.iter().position(|estimate| estimate.smoothing.get() != 0.0).expect("the models differ");
+/// assert!((estimates.len() / 2).abs_diff(swapped) < 2);
+/// assert!(estimates.last().expect("there are estimates").smoothing.get().abs() < 0.1);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct PipelineSetup {
     pub(super) settings: Settings,
