@@ -43,6 +43,23 @@ pub fn calibrate(model: &Model, held_out: &[Run]) -> Result<Uncertainty, Error> 
 }
 
 /// Collects residuals run by run, for callers that do not hold all runs at once, or that may stop in between.
+///
+/// ```
+/// use mr_damper_model::calibrate::Calibrator;
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+/// use mr_damper_model::uncertainty::Predictor;
+///
+/// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(20.0);
+/// let mut calibrator = Calibrator::new(preset::load(preset::BEST_FUZZY_TANH)?);
+/// for seed in 1..=3 {
+///     assert!(calibrator.finish().is_err(), "two runs do not show how runs differ");
+///     calibrator.add(&record(&experiment, &Plant::default(), &Channels::default(), seed))?;
+/// }
+/// let uncertainty = calibrator.finish()?;
+/// assert!(uncertainty.covers(Predictor::FreeRun) && !uncertainty.covers(Predictor::OneStep));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Calibrator {
     model: Model,

@@ -5,6 +5,17 @@ use crate::error::{DiagnosisError, Error};
 
 /// Effects that may be named. An effect that is left out does not enter the correction for multiple tests; it is listed as untestable,
 /// never as absent.
+///
+/// ```
+/// use mr_damper_model::diagnose::EffectSet;
+/// use mr_damper_model::effect::Effect;
+///
+/// let set = EffectSet::only(&["friction", "inertia"])?;
+/// assert!(set.has(Effect::Friction) && !set.has(Effect::CoilLag));
+/// let error = EffectSet::only(&["cavitation"]).unwrap_err().to_string();
+/// assert!(error.starts_with("unknown effect \"cavitation\"; the known effects are coil_lag,"), "{error}");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EffectSet {
     /// In the order of [`Effect::ALL`].

@@ -140,6 +140,35 @@ pub enum Stage {
 ///
 /// `stage` is called at the start of each stage.
 ///
+/// ```
+/// use mr_damper_model::diagnose::{EffectSet, Runs, Settings, Verdict, close};
+/// use mr_damper_model::effect::Effect;
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, Watch};
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::inject::inject;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let base = preset::load(preset::BEST_FUZZY_TANH)?;
+/// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(30.0);
+/// let run = |plant: &Plant, seed| {
+///     let run = record(&experiment, plant, &Channels::default(), seed);
+///     Dataset::from_run(&run, &base.conditioning, &DatasetOptions::default())
+/// };
+/// // The seals of a healthy damper are replaced: they add 80 N of friction.
+/// let (healthy, mut damper) = (Plant::default(), Plant::default());
+/// inject("friction", 80.0, &mut damper, &mut Channels::default())?;
+/// let (estimate, confirm) = ([run(&damper, 1)?], [run(&damper, 2)?]);
+/// // Paired mode: each run has a reference of the healthy damper with the same excitation.
+/// let reference = [run(&healthy, 1)?, run(&healthy, 2)?];
+///
+/// let runs = Runs { estimate: &estimate, confirm: &confirm, reference: &reference, ..Runs::default() };
+/// let settings = Settings { effects: EffectSet::only(&["friction", "gas_spring"])?, most_effects: 1, ..Settings::default() };
+/// let result = close(&base, &runs, &settings, &Watch::none(), &|_| {})?;
+/// assert_eq!(result.effects[0].effect.effect(), Effect::Friction);
+/// assert!(result.verdict != Verdict::BaseInadequate && result.after.effects.as_slice().len() == 1);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
 /// # Errors
 /// - [`Error::Diagnosis`] if runs are missing, too short for the blocks, given twice, or conditioned unlike the base;
 ///   in paired mode if a run has no reference; in absolute mode if the base has no parameters to project off.

@@ -16,6 +16,25 @@ use crate::identify::Dataset;
 /// Force of the matching reference at each row of `run`, N; `None` at rows where it has no force. The match is the first of
 /// `references` whose displacement differs by at most 10 %, root mean square, compared by time since the first row. Returns `None` if no
 /// reference matches.
+///
+/// ```
+/// use mr_damper_model::condition::Conditioning;
+/// use mr_damper_model::diagnose::reference_force_n;
+/// use mr_damper_model::identify::{Dataset, DatasetOptions};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let rows = |frequency_hz, seed| {
+///     let run = record(&Experiment::sine(0.01, frequency_hz, 1.2, 3.0), &Plant::default(), &Channels::default(), seed);
+///     Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default())
+/// };
+/// // The second reference has the excitation of the run. Its force differs by the noise of the load cell.
+/// let (run, references) = (rows(2.0, 1)?, [rows(3.0, 2)?, rows(2.0, 3)?]);
+/// let force_n = reference_force_n(&run, &references).expect("the excitation matches");
+/// let differences_n = run.rows.iter().zip(&force_n).filter_map(|(row, n)| n.map(|n| (row.force_n - n).abs()));
+/// assert!(differences_n.filter(|n| n.is_finite()).fold(0.0, f64::max) < 50.0);
+/// assert_eq!(reference_force_n(&run, &references[..1]), None);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[must_use]
 pub fn reference_force_n(run: &Dataset, references: &[Dataset]) -> Option<Vec<Option<f64>>> {
     references.iter().find_map(|reference| forces_at(run, reference).ok())

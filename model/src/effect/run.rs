@@ -320,6 +320,23 @@ impl Default for Effects {
 }
 
 /// A force model with effects around it.
+///
+/// ```
+/// use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
+/// use mr_damper_model::force::Inputs;
+/// use mr_damper_model::preset;
+///
+/// let force = preset::load(preset::BEST_FUZZY_TANH)?.force;
+/// let friction = EffectModel::new(Effect::Friction, &[60.0])?; // N
+/// let model = Augmented::new(force, Effects::new(&[friction])?)?;
+/// let extending = Inputs {
+///     dt_s: None, displacement_m: 0.0, velocity_m_s: 0.2, acceleration_m_s2: 0.0, drive: 1.2, case_temp_c: f64::NAN,
+/// };
+/// let force_n = |model: &Augmented| model.free_run(&mut AugmentedState::default(), &extending).expect("it is finite");
+/// let added_n = force_n(&model) - force_n(&Augmented::from(force));
+/// assert!((added_n - 60.0).abs() < 0.1, "{added_n} N");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Augmented {
     force: ForceModel,

@@ -27,6 +27,17 @@ use rand::{Rng, RngExt};
 pub const STEPS_A: [f64; 7] = [0.0, 0.4, 0.8, 1.2, 1.6, 2.1, 2.5];
 
 /// A current command.
+///
+/// ```
+/// use mr_damper_model::rig::{Channels, Current, Experiment, Plant, record};
+///
+/// let current = Current::Stepped { levels_a: vec![0.5, 2.0] };
+/// let experiment = Experiment { current, ..Experiment::sine(0.01, 1.0, 0.0, 4.0) };
+/// let run = record(&experiment, &Plant::default(), &Channels::PERFECT, 1);
+/// let (_, current_a) = run.drive.expect("the rig measures the current");
+/// // Each level takes half of the run.
+/// assert!((current_a.values[1000] - 0.5).abs() < 0.01 && (current_a.values[2000] - 2.0).abs() < 0.01);
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub enum Current {
     /// One current throughout.

@@ -256,6 +256,28 @@ pub const EFFECTS: &[Effect] = &[
 
 /// Injects the effect called `id` into plant and channels, with `size` in its unit.
 ///
+/// ```
+/// use mr_damper_model::rig::inject::{AddedForces, inject};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let force_n = |plant: &Plant, channels: &Channels| {
+///     record(&Experiment::sine(0.01, 2.0, 1.2, 2.0), plant, channels, 1).force_n.expect("the rig has a load cell").values
+/// };
+/// let (mut plant, mut channels) = (Plant::default(), Channels::PERFECT);
+/// let healthy_n = force_n(&plant, &channels);
+/// inject("friction", 80.0, &mut plant, &mut channels)?;
+/// let change_n = force_n(&plant, &channels).iter().zip(&healthy_n).map(|(with, without)| with - without).fold(0.0, f64::max);
+/// assert!((change_n - 80.0).abs() < 8.0, "{change_n} N");
+///
+/// // Some effects are forces that are added to the damper's.
+/// inject("velocity_saturation", 3000.0, &mut plant, &mut channels)?;
+/// assert_ne!(plant.added_forces, AddedForces::default());
+///
+/// let error = inject("friction", -5.0, &mut plant, &mut channels).unwrap_err().to_string();
+/// assert!(error.contains("friction") && error.contains("1000"), "{error}");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
 /// # Errors
 /// [`RigError::UnknownInjection`]; [`RigError::InjectionSize`]; [`Error::OutOfRange`] if the plant cannot
 /// be integrated with it.

@@ -77,6 +77,19 @@ pub struct Shown {
 /// Moves `plant` by `motion` with the current from `controller`, which returns for each sample the current until the next one, in
 /// amperes. Its measurements have the noise, quantisation and offsets of `channels`. The filters and delays of the channels, and the
 /// plant's inertia, force loss and force lag, are left out, because they are computed over whole runs. Starts at rest without current.
+///
+/// ```
+/// use mr_damper_model::rig::response::Response;
+/// use mr_damper_model::rig::{Channels, Motion, Plant, Shown, control};
+///
+/// let displacement_m = (0..1024).map(|k| 0.01 * (std::f64::consts::TAU * 2.0 * f64::from(k) / 512.0).sin());
+/// let motion = Motion::recorded(displacement_m.collect());
+/// // 1 A while the rod is extended, no current while it is compressed
+/// let mut on_off = |shown: &Shown| if shown.displacement_m > 0.0 { 1.0 } else { 0.0 };
+/// let Response { force_n, .. } = control(&motion, &Plant::default(), &Channels::PERFECT, 1, &mut on_off);
+/// let largest_n = |samples: std::ops::Range<usize>| force_n[samples].iter().fold(0.0_f64, |most, n| most.max(n.abs()));
+/// assert!(largest_n(544..608) > 2.0 * largest_n(672..736), "a half period each");
+/// ```
 #[must_use]
 pub fn control(
     motion: &Motion,
@@ -100,6 +113,17 @@ pub fn control(
 
 /// As [`record`], but calls `go_on` once per second of the run, with the seconds done (0 while the excitation is computed), and returns
 /// `None` as soon as it returns false.
+///
+/// ```
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record_while};
+///
+/// let experiment = Experiment::sine(0.01, 2.0, 1.2, 20.0);
+/// let mut record = |most_s: f64| {
+///     record_while(&experiment, &Plant::default(), &Channels::default(), 1, &mut |done_s| done_s < most_s)
+/// };
+/// assert!(record(5.0).is_none(), "cancelled after 5 s of the run");
+/// assert_eq!(record(100.0).expect("it runs to its end").displacement_m.len(), 20 * 512);
+/// ```
 pub fn record_while(
     experiment: &Experiment,
     plant: &Plant,

@@ -12,6 +12,19 @@ use super::noise::{Purpose, normal, stream};
 use super::plant::{Plant, Saturation};
 
 /// Excitation of the replicates of an experiment.
+///
+/// ```
+/// use mr_damper_model::rig::{Channels, Experiment, Pattern, Plant, record};
+///
+/// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(2.0);
+/// let displacement_m = |number, pattern| {
+///     let (experiment, seed) = experiment.replicate(number, 7, pattern);
+///     record(&experiment, &Plant::default(), &Channels::PERFECT, seed).displacement_m.values
+/// };
+/// // Without noise, replicates of the same excitation have the same displacement.
+/// assert_eq!(displacement_m(1, Pattern::Same), displacement_m(2, Pattern::Same));
+/// assert_ne!(displacement_m(1, Pattern::New), displacement_m(2, Pattern::New));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Pattern {
     /// A new excitation of the same kind for each replicate, with its own random phases and currents.
@@ -54,6 +67,16 @@ impl Experiment {
 
 /// Variation of damper, room and load cell from run to run (standard deviations). The default values are chosen here, for a bench that is
 /// used over a day.
+///
+/// ```
+/// use mr_damper_model::rig::{Channels, Drift, Plant};
+///
+/// // The offset of the load cell differs from run to run with a standard deviation of 2 N, limited to three of them.
+/// let offset_n = |seed| Drift::default().apply(Plant::default(), Channels::PERFECT, seed).1.force_offset_n;
+/// let offsets_n: Vec<f64> = (0..200).map(offset_n).collect();
+/// let rms_n = (offsets_n.iter().map(|n| n * n).sum::<f64>() / 200.0).sqrt();
+/// assert!((rms_n - 2.0).abs() < 0.4 && offsets_n.iter().all(|n| n.abs() <= 6.0), "{rms_n} N");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drift {
     /// Temperature of the damper at the start, in kelvin.

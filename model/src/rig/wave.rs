@@ -36,6 +36,19 @@ use std::f64::consts::TAU;
 const CORNER_S: f64 = 0.02;
 
 /// A modulated or stepped sine, a chirp, or triangles; see the equations at the top of this file.
+///
+/// ```
+/// use mr_damper_model::rig::{Channels, Displacement, Experiment, Plant, Wave, record};
+///
+/// // Triangles of 0.03 to 0.24 m/s: the speed is constant between reversals.
+/// let slopes = Wave::Slopes { amplitude_m: 0.015, slowest_m_s: 0.03, fastest_m_s: 0.24, slopes: 8 };
+/// let experiment = Experiment { displacement: Displacement::Wave(slopes), ..Experiment::sine(0.01, 1.0, 1.2, 10.0) };
+/// let run = record(&experiment, &Plant::default(), &Channels::PERFECT, 1);
+/// let speeds_m_s = run.displacement_m.values.windows(2).map(|pair| (pair[1] - pair[0]).abs() * 512.0);
+/// let fastest_m_s = speeds_m_s.fold(0.0, f64::max);
+/// assert!((fastest_m_s - 0.24).abs() < 0.01, "{fastest_m_s} m/s");
+/// assert!(Wave::Chirp { amplitude_m: 0.01, from_hz: 1.0, to_hz: 1e6 }.check().is_err());
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wave {
     /// Amplitude-modulated sine (AM).

@@ -61,6 +61,18 @@ impl CorrelationFunction {
 
 /// The cross-correlation of the paired signals in `stretches` for lags up to `reach` in both directions. Its band uses the
 /// autocorrelations up to lag `colour`. `None` when one of the signals is constant.
+///
+/// ```
+/// use mr_damper_model::statistics::correlation::cross_correlation;
+///
+/// // The second signal follows the first by 3 samples.
+/// let noise: Vec<f64> = (0_u64..500).map(|k| (k * k * 7919 % 1009) as f64 / 1009.0 - 0.5).collect();
+/// let pairs: Vec<(f64, f64)> = (3..noise.len()).map(|k| (noise[k], noise[k - 3])).collect();
+/// let found = cross_correlation(&[pairs], 10, 5).expect("both signals vary");
+/// let (lag, peak) = found.points().max_by(|a, b| a.1.total_cmp(&b.1)).expect("there are lags");
+/// assert_eq!(lag, 3.0);
+/// assert!(peak > 0.9 && found.band < 0.2, "{peak} {}", found.band);
+/// ```
 #[must_use]
 pub fn cross_correlation(
     stretches: &[Vec<(f64, f64)>],

@@ -73,6 +73,26 @@ pub enum Predictor {
 }
 
 /// Operating point of a prediction.
+///
+/// ```
+/// use mr_damper_model::calibrate::calibrate;
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+/// use mr_damper_model::uncertainty::{Operating, Predictor};
+///
+/// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(30.0);
+/// let runs = [1, 2, 3].map(|seed| record(&experiment, &Plant::default(), &Channels::default(), seed));
+/// let uncertainty = calibrate(&preset::load(preset::BEST_FUZZY_TANH)?, &runs)?;
+/// let fresh = Operating {
+///     predictor: Predictor::FreeRun, velocity_m_s: 0.1, drive: 1.2, coast_s: f64::NAN, drive_age_s: 0.002,
+/// };
+/// let spread = uncertainty.spread(&fresh).expect("the simulation was calibrated");
+/// assert!(spread.calibrated && spread.half_band_n > spread.std_dev_n, "{spread:?}");
+/// // With a current that is 0.2 s old, the force is less certain.
+/// let held = uncertainty.spread(&Operating { drive_age_s: 0.2, ..fresh }).expect("it was calibrated too");
+/// assert!(held.half_band_n > spread.half_band_n, "{held:?} {spread:?}");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Operating {
     /// The predictor that made the prediction.
