@@ -9,7 +9,7 @@ use crate::effect::Need;
 use crate::error::Error;
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::Model;
-use crate::pipeline::{Estimate, Event, Mode, Models, Pipeline, Settings};
+use crate::pipeline::{Estimate, Event, Mode, Models, Pipeline, Settings, Slot};
 use crate::sample::{Run, Stamp};
 use crate::units::Newton;
 use serde::Serialize;
@@ -102,8 +102,11 @@ impl Evaluator {
                 if counts(stamp) {
                     self.free.add(measured_n, residual.predicted.get());
                     if let Some(estimate) = estimate.filter(|estimate| estimate.calibrated) {
-                        let [low, high] = estimate.band;
-                        self.banded[0] += u64::from((low.get()..=high.get()).contains(&measured_n));
+                        // The band of the free-run model lies around the damper's force; the seeded model predicts readings.
+                        let load_cell_n =
+                            if estimate.slot == Slot::Free { residual.load_cell.get() } else { 0.0 };
+                        let [low_n, high_n] = estimate.band.map(|end| end.get() + load_cell_n);
+                        self.banded[0] += u64::from((low_n..=high_n).contains(&measured_n));
                         self.banded[1] += 1;
                     }
                     if let Some(predicted_n) = one_step {

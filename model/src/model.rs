@@ -54,6 +54,13 @@ impl Model {
         Augmented::unchecked(self.force, self.effects)
     }
 
+    /// The model of the damper's force: without the effects of the load cell. With them the model gives the expected reading of the load
+    /// cell.
+    #[must_use]
+    pub fn of_damper(&self) -> Self {
+        Self { effects: self.effects.of_damper(), ..*self }
+    }
+
     /// Advances a simulation (free run) by one sample; see [`Augmented::free_run`].
     #[inline]
     pub fn free_run(&self, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {

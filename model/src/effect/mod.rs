@@ -24,6 +24,7 @@
 //! | steps | lags are exact for inputs that are linear between samples, at any rate and at a changing rate |
 //! | gap | `dt_s == None` restarts every effect; so does a step that is not positive |
 //! | not finite | an input that is not finite gives no force and changes no state; the next step covers its time |
+//! | load cell | effects of the load cell come after all others; without them the model gives the damper's force |
 //! | offset | the session's force offset does not come from the damper, so effects that scale the force leave it out |
 //! | one-step-ahead | a model fed with measured force has the effects in its input, so with effects it is only simulated (free run) |
 //!
@@ -37,7 +38,7 @@
 //! | id, form, parameters (name, unit, physical range, neutral value, probe) | model files, diagnosis, reports, messages |
 //! | description, excitation that separates it, confounders | diagnosis, reports |
 //! | channels that it needs | pipeline, scores, diagnosis |
-//! | layer in the damper | order in which a diagnosis applies effects |
+//! | layer in the damper | order in which a diagnosis applies effects; pipeline and inverse controller, which separate force and reading |
 //! | inversion, static stiffness | inverse controller |
 //! | refinement | diagnosis |
 //! | example | tests and examples |

@@ -2,7 +2,7 @@
 
 use super::definition::{Inversion, Values};
 use super::parts::{Coefficients, Elapsed, Lag, Ring};
-use super::{Effect, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need};
+use super::{Effect, Layer, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need, sensor_delay};
 use crate::error::{Error, ForceError};
 use crate::force::{ForceModel, FreeRun, FuzzyTanhAlong, Inputs};
 
@@ -68,6 +68,14 @@ impl EffectModel {
     pub fn refined(&self) -> Option<Self> {
         let refinement = self.effect.properties().refinement?;
         Some(Self { effect: refinement.effect, parameters: (refinement.values)(self.parameters) })
+    }
+
+    /// True if it changes the reading of the load cell and not the force of the damper.
+    #[must_use]
+    pub fn is_of_load_cell(&self) -> bool {
+        let displacement_is_late =
+            self.effect == Effect::SensorDelay && sensor_delay::displacement_is_late(self.parameters);
+        matches!(self.effect.layer(), Layer::Measurement(_)) && !displacement_is_late
     }
 
     /// Time constants of rise and fall, s, if it is a lag of the drive.
@@ -228,11 +236,13 @@ impl Kept {
     }
 }
 
-/// Up to [`MAX_EFFECTS`] effects, in order of application: the last one is the outermost.
+/// Up to [`MAX_EFFECTS`] effects, in order of application: the last one is the outermost. Effects of the load cell are outside all others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effects {
     list: [EffectModel; MAX_EFFECTS],
     len: usize,
+    /// Number of effects that change the damper's force; the others are effects of the load cell.
+    of_damper: usize,
 }
 
 impl Effects {
@@ -240,12 +250,14 @@ impl Effects {
     pub const NONE: Self = Self {
         list: [EffectModel::unchecked(Effect::Friction, [0.0; MAX_EFFECT_PARAMETERS]); MAX_EFFECTS],
         len: 0,
+        of_damper: 0,
     };
 
     /// These effects, the first one nearest to the model.
     ///
     /// # Errors
-    /// [`Error::Length`] if there are more than [`MAX_EFFECTS`].
+    /// [`Error::Length`] if there are more than [`MAX_EFFECTS`]; [`ForceError::EffectAfterLoadCell`] if another effect comes after an
+    /// effect of the load cell.
     pub fn new(effects: &[EffectModel]) -> Result<Self, Error> {
         let mut all = Self::NONE;
         let Some(list) = all.list.get_mut(..effects.len()) else {
@@ -257,7 +269,30 @@ impl Effects {
         };
         list.copy_from_slice(effects);
         all.len = effects.len();
-        Ok(all)
+        all.of_damper = effects.iter().take_while(|effect| !effect.is_of_load_cell()).count();
+        let outer = &effects[all.of_damper..];
+        match (outer.first(), outer.iter().find(|effect| !effect.is_of_load_cell())) {
+            (Some(first), Some(late)) => Err(ForceError::EffectAfterLoadCell {
+                effect: late.effect().title(),
+                load_cell: first.effect().title(),
+            }
+            .into()),
+            _ => Ok(all),
+        }
+    }
+
+    /// The effects that change the damper's force, without the effects of the load cell.
+    #[must_use]
+    pub fn of_damper(&self) -> Self {
+        let mut damper = Self { len: self.of_damper, of_damper: self.of_damper, ..Self::NONE };
+        damper.list[..self.of_damper].copy_from_slice(&self.list[..self.of_damper]);
+        damper
+    }
+
+    /// True if one of them is an effect of the load cell.
+    #[must_use]
+    pub const fn include_load_cell(&self) -> bool {
+        self.of_damper < self.len
     }
 
     /// The effects, in order of application.

@@ -13,11 +13,19 @@
 //! A late force is the model's force at that earlier time, by linear interpolation between samples. The memory covers 10 ms at any
 //! rate: above 6.2 kHz it keeps samples 0.16 ms apart. Until it goes back far enough, the first force is used. An early force would
 //! need future displacements; a causal model can only extrapolate them. Drive and acceleration are not changed.
+//!
+//! A positive delay is an effect of the load cell: the damper's force is F(t). At a negative delay the displacement is late, and the load
+//! cell shows the force of now, so the damper's force is the extrapolated one.
 
 use super::{
     Definition, EffectState, Inside, Inversion, Layer, MAX_DELAY_S, Parameter, Properties, Unit, Values,
 };
 use crate::force::Inputs;
+
+/// True if the displacement is late and not the force.
+pub(super) fn displacement_is_late([delay_s, ..]: Values) -> bool {
+    delay_s < 0.0
+}
 
 pub(super) struct SensorDelay;
 
@@ -39,12 +47,12 @@ impl Definition for SensorDelay {
 
     #[inline]
     fn step(
-        [delay_s, ..]: Values,
+        values @ [delay_s, ..]: Values,
         state: &mut EffectState,
         inputs: &Inputs,
         inside: &mut Inside,
     ) -> Option<f64> {
-        if delay_s < 0.0 {
+        if displacement_is_late(values) {
             return inside.run(&Inputs {
                 displacement_m: inputs.displacement_m - delay_s * inputs.velocity_m_s,
                 velocity_m_s: inputs.velocity_m_s - delay_s * inputs.acceleration_m_s2,

@@ -47,6 +47,17 @@ pub enum ForceError {
         /// Lowest and highest allowed value; infinite without a limit.
         allowed: [f64; 2],
     },
+    /// An effect that changes the damper's force comes after an effect of the load cell.
+    #[error(
+        "effect {effect} comes after {load_cell}, but {load_cell} changes the reading of the load cell and {effect} the damper's force: \
+         put the effects of the load cell last"
+    )]
+    EffectAfterLoadCell {
+        /// Id of the effect, with its form if there are several.
+        effect: String,
+        /// Id of the first effect of the load cell.
+        load_cell: String,
+    },
     /// An effect acts on the drive, which the model lacks.
     #[error(
         "effect {effect} acts on the drive, but the {model} model has none: remove the effect, or use a model that depends on the drive"

@@ -6,14 +6,15 @@
 //! solve    F(i*, x, v, states) + b = Fd + g (Fd - Fm)  within [0, i_max]
 //! lead     u = c + (i* - c) (1 - e^(-dt/T)) / (1 - e^(-dt/tau))
 //! coil     c' = c + (u - c) (1 - e^(-dt/tau))          the current that acts on the fluid
-//! bias     b' = b + (1 - e^(-dt/Tb)) (Fm - F - b)      Fm: measured force; without it b decays to 0 at the same rate
+//! bias     b' = b + (1 - e^(-dt/Tb)) (Fm - F - b)      without a measured force b decays to 0 at the same rate
 //! ```
 //!
 //! | symbol | what |
 //! |---|---|
 //! | tau | the model's coil lag, if it has that effect (time constant of rise or fall, depending on the side of i*); else u = i* |
 //! | T, Tb, g | [`Limits::lead_s`], [`Limits::feedback_s`], [`Limits::feedback_gain`] |
-//! | F | the model with all its effects except the coil lag, which the lead compensates |
+//! | F | the model with all effects of the damper except the coil lag, which the lead compensates |
+//! | Fm | the reading of the load cell, minus what the model's effects of the load cell add to F (for a sensor delay: F of then minus F) |
 //!
 //! The bias is the model's error at the present current and speed. The residual of the pipeline's simulation does not use it. The gain g
 //! serves a coil that lags without lead compensation: gain and bias form a controller whose zero cancels the coil's pole. With a lead
@@ -31,7 +32,7 @@ use super::prepare::Inverse;
 use super::shape::{HARDLY, Shape};
 use super::solve::Moment;
 use super::surrogate::{Surrogate, SurrogateFit};
-use crate::effect::AugmentedState;
+use crate::effect::{Augmented, AugmentedState};
 use crate::error::Error;
 use crate::force::Inputs;
 use crate::model::Model;
@@ -89,6 +90,8 @@ pub struct InverseController {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Memory {
     state: AugmentedState,
+    /// State of the model that gives the expected reading, if there is one.
+    reading_state: AugmentedState,
     /// Last command, A.
     last_a: f64,
     /// Last target for the current in the fluid, A.
@@ -128,6 +131,7 @@ impl InverseController {
         limits.validate()?;
         let memory = Memory {
             state: AugmentedState::default(),
+            reading_state: AugmentedState::default(),
             last_a: limits.safe_a,
             target_a: limits.safe_a,
             fluid_a: limits.safe_a,
@@ -153,14 +157,19 @@ impl InverseController {
     pub fn inherit(&mut self, old: &Self) {
         let max_a = self.limits.current_max_a;
         let Memory { last_a, target_a, fluid_a, safe_rate_a_s, .. } = old.memory;
-        let same = match (&self.inverse, &old.inverse) {
-            (Some(new), Some(old)) => new.model.effects().same_kinds(old.model.effects()),
-            _ => false,
+        let same_kinds = |model: fn(&Inverse) -> Option<&Augmented>| {
+            let effects = |of: &Option<Inverse>| of.as_ref().and_then(model).map(|model| *model.effects());
+            effects(&self.inverse).zip(effects(&old.inverse)).is_some_and(|(new, old)| new.same_kinds(&old))
         };
+        let same = same_kinds(|inverse| Some(&inverse.model));
         let state = if same { old.memory.state } else { old.memory.state.without_effects() };
+        // The effects of the damper come first in both models, so the damper's state is valid for the reading.
+        let same = same_kinds(|inverse| inverse.reading.as_ref());
+        let reading_state = if same { old.memory.reading_state } else { state };
         let bias_n = if self.inverse == old.inverse { old.memory.bias_n } else { 0.0 };
         self.memory = Memory {
             state,
+            reading_state,
             last_a: last_a.min(max_a),
             target_a: target_a.min(max_a),
             fluid_a,
@@ -169,8 +178,8 @@ impl InverseController {
         };
     }
 
-    /// The current for `demand` at `inputs`, whose drive is the measured current or NaN. `measured_n` is the force of this sample, if
-    /// there is one.
+    /// The current for `demand` at `inputs`, whose drive is the measured current or NaN. `measured_n` is the load cell's reading at this
+    /// sample, if there is one.
     #[inline]
     pub fn step(&mut self, inputs: &Inputs, demand: Demand, measured_n: Option<f64>) -> CurrentCommand {
         let demand = demand.if_finite();
@@ -224,6 +233,9 @@ impl Memory {
         if dt_s.is_none() {
             // The model's history is not valid after a gap. The driver still has its current.
             self.state = AugmentedState::default();
+            if inverse.reading.is_some() {
+                self.reading_state = AugmentedState::default();
+            }
             self.bias_n = 0.0;
         }
         self.follow_coil(on);
@@ -231,8 +243,10 @@ impl Memory {
         // Keep NaN out of the model's state.
         let stepped =
             if moves { Moment::step(&inverse.model, &mut self.state, inputs, self.fluid_a) } else { None };
+        let modelled_n = stepped.as_ref().map(|(modelled_n, _)| *modelled_n);
+        let measured_n = if moves { self.measured_on_damper_n(on, modelled_n, measured_n) } else { None };
         if moves {
-            self.learn(on, stepped.as_ref().map(|(modelled_n, _)| *modelled_n), measured_n);
+            self.learn(on, modelled_n, measured_n);
         }
         match (demand, stepped) {
             (Demand::Force(demand_n), Some(stepped)) => self.track_force(on, demand_n, stepped, measured_n),
@@ -336,6 +350,20 @@ impl Memory {
             }
             _ => driver_a,
         }
+    }
+
+    /// The measured force of the damper, N: the reading `measured_n` without the part that the effects of the load cell add to the force
+    /// `modelled_n` of the damper. `None` without a reading, or if the model has no force.
+    fn measured_on_damper_n(
+        &mut self,
+        on: &Step,
+        modelled_n: Option<f64>,
+        measured_n: Option<f64>,
+    ) -> Option<f64> {
+        let Some(reading) = &on.inverse.reading else { return measured_n };
+        let here = Inputs { drive: self.fluid_a, ..*on.inputs };
+        let reading_n = reading.free_run(&mut self.reading_state, &here);
+        Some(measured_n? - (reading_n? - modelled_n?))
     }
 
     fn learn(&mut self, on: &Step, modelled_n: Option<f64>, measured_n: Option<f64>) {

@@ -1,4 +1,5 @@
-//! The model for the inversion: without its coil lag, which the lead compensates, and with the method that finds a current.
+//! The model for the inversion: without the effects of the load cell, which do not change the damper's force, without its coil lag, which
+//! the lead compensates, and with the method that finds a current.
 
 use super::limits::Limits;
 use super::method::Method;
@@ -29,8 +30,10 @@ impl Coil {
 /// The prepared inverse of a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Inverse {
-    /// The model without the lag of its coil.
+    /// The model of the damper's force, without the lag of its coil.
     pub(super) model: Augmented,
+    /// The same with the effects of the load cell: it gives the expected reading. `None` for a model without such effects.
+    pub(super) reading: Option<Augmented>,
     pub(super) coil: Option<Coil>,
     pub(super) preload: Preload,
     pub(super) shape: Shape,
@@ -42,6 +45,11 @@ pub(super) struct Inverse {
 impl Inverse {
     pub(super) fn new(model: &Model, limits: &Limits, method: Method) -> Result<Self, Error> {
         limits.validate()?;
+        let reading = match model.effects.include_load_cell() {
+            true => Some(without_lag(model)?),
+            false => None,
+        };
+        let model = &model.of_damper();
         match model.force.drive() {
             Some(DriveKind::CoilCurrent) => {}
             Some(DriveKind::CommandVoltage) => {
@@ -61,7 +69,8 @@ impl Inverse {
         let current_max_a = limits.current_max_a;
         let solver = Solver { current_max_a, folded: shape.real_fold().is_some(), linear: shape.is_linear() };
         let surrogate = Surrogate::of(model, method, &shape, limits)?;
-        Ok(Self { model: without_lag(model)?, coil, preload: model.preload(), shape, solver, surrogate })
+        let (model, preload) = (without_lag(model)?, model.preload());
+        Ok(Self { model, reading, coil, preload, shape, solver, surrogate })
     }
 
     /// The current for `demand_n` at `moment`, the moment of `inputs`. `last` is the last current, and its force at this

@@ -154,6 +154,7 @@ pub fn on_model(
 ) -> Result<Vec<Point>, Error> {
     let mut controller = *controller;
     let mut conditioner = InputConditioner::new(model)?;
+    let damper = model.of_damper();
     let mut state = AugmentedState::default();
     let mut time_s = 0.0;
     let samples = trajectory.dt_s.iter().zip(&trajectory.displacement_m).zip(&trajectory.force_n);
@@ -163,7 +164,7 @@ pub fn on_model(
         let command = controller.step(&inputs, Demand::Force(*force_n), None);
         let driven = Inputs { drive: command.current.get(), ..inputs };
         let known = inputs.velocity_m_s.is_finite();
-        let achieved_n = if known { model.free_run(&mut state, &driven) } else { None };
+        let achieved_n = if known { damper.free_run(&mut state, &driven) } else { None };
         point(time_s, &inputs, achieved_n.unwrap_or(f64::NAN), command)
     };
     Ok(samples.map(follow).collect())

@@ -210,7 +210,9 @@ fn effect_at(index: usize, shares: [f64; 2]) -> EffectModel {
 
 fn file_with(effects: &[EffectModel]) -> ModelFile {
     let plain = file("thesis/fuzzy-tanh/rp3-cs");
-    let effects = Effects::new(effects).expect("few enough");
+    let mut effects = effects.to_vec();
+    effects.sort_by_key(|effect| effect.is_of_load_cell());
+    let effects = Effects::new(&effects).expect("few enough");
     ModelFile { model: Model { effects, ..plain.model }, ..plain }
 }
 
@@ -263,6 +265,10 @@ fn an_error_in_an_effect_names_the_key() {
             "effects[1]: effect end_stop: clearance_m is -1, but must be finite and at least 0",
         ),
         (passive.repeat(4).replace("0.1[[", "0.1\n[[").as_str(), "effects has 4 values, but at most 3"),
+        (
+            "[[effects]]\nid = \"sensor_delay\"\ndelay_s = 1e-3\n[[effects]]\nid = \"friction\"\nfriction_n = 3",
+            "effect friction comes after sensor_delay",
+        ),
         ("effects = 3", "effects"),
     ] {
         let message = error_of(&text.replace("effects = []", effects));

@@ -33,15 +33,16 @@ impl Pipeline {
         let dt_s = given.dt_s;
 
         let mut free_reasons = Reasons::NONE;
-        let free_n = self.free.step(&given, &mut free_reasons);
+        let simulated = self.free.step(&given, &mut free_reasons);
         let mut seeded_reasons = Reasons::NONE;
         let measured =
             MeasuredForce { readings: &self.force, now: taken, max_span_s: self.settings.force_timeout_s };
         let seeded_n =
             self.seeded.as_mut().and_then(|channel| channel.step(&given, &measured, &mut seeded_reasons));
         self.note_operating(stamp);
-        // Corrections and smoothing apply to the estimate only. The residual uses the simulation itself.
-        let observed_n = free_n.map(|force_n| force_n + self.observer.bias_n(stamp, &self.settings));
+        // The estimate is the damper's force, and the residual compares readings. Corrections and smoothing apply to the estimate only.
+        let observed_n =
+            simulated.damper_n.map(|force_n| force_n + self.observer.bias_n(stamp, &self.settings));
         let forces = Forces { dt_s: dt_s.unwrap_or(0.0), free_n: observed_n, seeded_n };
         let force_n = self.output_force_n(stamp, &forces, emit);
         let mode = self.machine.mode();
@@ -62,7 +63,8 @@ impl Pipeline {
         self.command(stamp, step_s, reasons, emit);
 
         // A displacement without a prediction gives no residual, but its measured force still seeds ARX.
-        let predicted_n = free_n.unwrap_or(f64::NAN);
+        let predicted_n = simulated.reading_n.unwrap_or(f64::NAN);
+        let load_cell_n = predicted_n - simulated.damper_n.unwrap_or(f64::NAN);
         let counts = !(free_reasons.has(Reasons::SETTLING)
             || free_reasons.has(Reasons::TEMPERATURE_MISSING)
             || reasons.has(Reasons::DRIVE_STALE));
@@ -70,7 +72,16 @@ impl Pipeline {
         let rest_n = self.damper.preload.at_n(displacement_m);
         self.force.wait(
             taken,
-            Awaiting { stamp, predicted_n, dt_s, index: self.index, counts, velocity_m_s, rest_n },
+            Awaiting {
+                stamp,
+                predicted_n,
+                load_cell_n,
+                dt_s,
+                index: self.index,
+                counts,
+                velocity_m_s,
+                rest_n,
+            },
         );
         self.settle_residuals(emit);
     }

@@ -51,7 +51,7 @@ pub struct Estimate {
     pub stamp: Stamp,
     /// When that sample was received, on the clock of [`Sample::received`]; `None` in silence.
     pub received: Option<Stamp>,
-    /// Estimated force; NaN if there is none (validity is then [`Validity::Invalid`]).
+    /// Estimated force of the damper; NaN if there is none (validity is then [`Validity::Invalid`]).
     pub force: Newton,
     /// Part of `force` that smooths a change of mode or model, so that the estimate neither steps nor kinks. `force` minus `smoothing` is
     /// the output of the mode's model.
@@ -84,15 +84,18 @@ impl Estimate {
     }
 }
 
-/// Measured force compared with the simulated force (free run).
+/// Measured force compared with the simulated reading of the load cell (free run).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Residual {
     /// Stamp of the displacement sample.
     pub stamp: Stamp,
     /// Measured force at that stamp; low-passed if the model's output is.
     pub measured: Newton,
-    /// Simulated force (free run).
+    /// Expected reading of the load cell: the simulated force (free run) with all effects of the model.
     pub predicted: Newton,
+    /// Part of `predicted` that comes from effects of the load cell: the reading minus the damper's force. Zero for a model without such
+    /// effects; NaN if the model has no force.
+    pub load_cell: Newton,
     /// Measured minus predicted.
     pub residual: Newton,
     /// Expected RMSE of the simulation, from the model's identification; NaN if not known. The thesis calls it RSSE.

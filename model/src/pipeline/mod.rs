@@ -12,7 +12,9 @@
 //! Each displacement sample yields an estimate at once, with the newest drive (current or voltage) that is not newer than the
 //! sample. The residual follows when the measured force at the same stamp is known. Two channels run side by side. The
 //! **free-run channel** simulates its model (free run) and never uses measured force, so its residual shows what the model
-//! lacks. The **seeded channel** predicts one step ahead from measured force (ARX). That hides model errors, so the residual
+//! lacks. It has two outputs: the damper's force, and the expected reading of the load cell, which also contains the effects of the
+//! load cell (such as its drift). The estimate and the command use the force, and the residual uses the reading. The
+//! **seeded channel** predicts one step ahead from measured force (ARX). That hides model errors, so the residual
 //! is never taken from it. The [`Mode`] says which channel the estimate comes from.
 //!
 //! [`Pipeline::step`] reads no clock, does not allocate, takes no lock and makes no system call. It knows time from the
@@ -147,7 +149,10 @@ impl From<PipelineSetup> for Pipeline {
 struct Awaiting {
     /// Stamp of the displacement.
     stamp: Stamp,
+    /// Expected reading of the load cell; NaN if there is none.
     predicted_n: f64,
+    /// That reading minus the damper's force, N.
+    load_cell_n: f64,
     dt_s: Option<f64>,
     index: u64,
     /// The model had all its inputs, so the residual counts for the alarm.
@@ -439,6 +444,7 @@ impl Pipeline {
                 stamp,
                 measured: Newton(comparable_n),
                 predicted: Newton(waiting.predicted_n),
+                load_cell: Newton(waiting.load_cell_n),
                 residual: Newton(residual_n),
                 expected_rsse: Newton(expected_n),
                 normalised: residual_n / expected_n,

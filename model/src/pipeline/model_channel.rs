@@ -5,7 +5,7 @@ use super::event::Reasons;
 use super::resample::{POINTS, Row, Rows, SAME};
 use super::rhythm::Rhythm;
 use crate::condition::{ApplyTo, Conditioning, ForceAligner, LowPass, LowPassState, MotionState};
-use crate::effect::{AugmentedState, Need};
+use crate::effect::{AugmentedState, Effects, Need};
 use crate::error::Error;
 use crate::force::{DEPTH, ForceModel, History, Inputs};
 use crate::model::{Envelope, Model};
@@ -98,17 +98,82 @@ fn outside(model: &Model, inputs: &Inputs) -> bool {
             && model.effects.need(Need::CaseTemperature))
 }
 
+/// Low-pass of a force, if the conditioning filters the model's output.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct OutputFilter {
+    state: LowPassState,
+    /// False until the first force after a restart.
+    is_running: bool,
+}
+
+impl OutputFilter {
+    fn restart(&mut self) {
+        self.is_running = false;
+    }
+
+    #[inline]
+    fn step(&mut self, path: &DisplacementPath, dt_s: Option<f64>, force_n: f64) -> f64 {
+        if path.conditioning.apply_to != ApplyTo::Output {
+            return force_n;
+        }
+        let dt_s = dt_s.filter(|_| self.is_running);
+        self.is_running = true;
+        path.low_pass.step(&mut self.state, dt_s, force_n)
+    }
+}
+
+/// A simulation of a force model with effects.
+#[derive(Debug, Clone, PartialEq)]
+struct Simulation {
+    effects: Effects,
+    state: AugmentedState,
+    filter: OutputFilter,
+}
+
+impl Simulation {
+    fn new(effects: Effects) -> Self {
+        Self { effects, state: AugmentedState::default(), filter: OutputFilter::default() }
+    }
+
+    fn reset(&mut self) {
+        self.state = AugmentedState::default();
+        self.filter.restart();
+    }
+
+    /// The force, N, before and after the output filter; `None` if the model has no force.
+    #[inline]
+    fn step(&mut self, force: &ForceModel, path: &DisplacementPath, inputs: &Inputs) -> Option<[f64; 2]> {
+        let raw_n =
+            self.effects.free_run(force, &mut self.state, inputs).filter(|force_n| is_a_force(*force_n))?;
+        Some([raw_n, self.filter.step(path, inputs.dt_s, raw_n)])
+    }
+}
+
+/// The forces of the free-run channel at a sample, N; `None` where the model gives no force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SimulatedForces {
+    /// Force of the damper: the model without the effects of the load cell.
+    pub(super) damper_n: Option<f64>,
+    /// Expected reading of the load cell: the model with all its effects.
+    pub(super) reading_n: Option<f64>,
+}
+
+impl SimulatedForces {
+    const NONE: Self = Self { damper_n: None, reading_n: None };
+}
+
 /// The free-run channel: a simulation that never uses measured force.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct FreeRunChannel {
     model: Model,
     path: DisplacementPath,
-    state: AugmentedState,
-    output_filter: LowPassState,
+    /// The model without the effects of the load cell.
+    damper: Simulation,
+    /// The whole model; `None` if it has no effect of the load cell, so that the reading is the damper's force. It repeats the
+    /// damper's steps in a state of its own, so that models without effects of the load cell pay nothing.
+    reading: Option<Simulation>,
     /// Output filter of the measured force, so that filtered forces are compared with filtered forces.
-    force_filter: LowPassState,
-    fresh_output: bool,
-    fresh_force: bool,
+    measured_filter: OutputFilter,
 }
 
 impl FreeRunChannel {
@@ -118,11 +183,9 @@ impl FreeRunChannel {
         refuse_filtered_arx(&model)?;
         Ok(Self {
             path: DisplacementPath::new(model.conditioning),
-            state: AugmentedState::default(),
-            output_filter: LowPassState::default(),
-            force_filter: LowPassState::default(),
-            fresh_output: true,
-            fresh_force: true,
+            damper: Simulation::new(model.effects.of_damper()),
+            reading: model.effects.include_load_cell().then(|| Simulation::new(model.effects)),
+            measured_filter: OutputFilter::default(),
             model,
         })
     }
@@ -148,74 +211,77 @@ impl FreeRunChannel {
 
     /// Takes over what `old` remembers, as far as it means the same here.
     pub(super) fn inherit(&mut self, old: &Self) {
-        if self.model.conditioning == old.model.conditioning {
-            self.path = old.path.clone();
-            // The state of an effect is valid for another strength of the same effect, but not for another effect.
-            self.state = if self.model.effects.same_kinds(&old.model.effects) {
-                old.state
-            } else {
-                old.state.without_effects()
-            };
-            self.output_filter = old.output_filter;
-            self.force_filter = old.force_filter;
-            self.fresh_output = old.fresh_output;
-            self.fresh_force = old.fresh_force;
+        if self.model.conditioning != old.model.conditioning {
+            return;
+        }
+        self.path = old.path.clone();
+        self.measured_filter = old.measured_filter;
+        // The state of an effect is valid for another strength of the same effect, but not for another effect.
+        self.damper.state = if self.damper.effects.same_kinds(&old.damper.effects) {
+            old.damper.state
+        } else {
+            old.damper.state.without_effects()
+        };
+        self.damper.filter = old.damper.filter;
+        if let Some(reading) = &mut self.reading {
+            // The effects of the damper come first in both, so the damper's state is valid for the reading.
+            let same = old.reading.as_ref().filter(|old| reading.effects.same_kinds(&old.effects));
+            let from = same.unwrap_or(&self.damper);
+            (reading.state, reading.filter) = (from.state, from.filter);
         }
     }
 
     pub(super) fn reset(&mut self) {
         self.path = DisplacementPath::new(self.model.conditioning);
-        self.state = AugmentedState::default();
-        self.fresh_output = true;
-        self.fresh_force = true;
+        self.damper.reset();
+        if let Some(reading) = &mut self.reading {
+            reading.reset();
+        }
+        self.measured_filter.restart();
     }
 
-    /// The simulated force, N; `None` if the model cannot run.
+    /// The simulated forces. The reasons apply to the damper's force.
     #[inline]
-    pub(super) fn step(&mut self, given: &ChannelInputs, reasons: &mut Reasons) -> Option<f64> {
+    pub(super) fn step(&mut self, given: &ChannelInputs, reasons: &mut Reasons) -> SimulatedForces {
         if given.dt_s.is_none() {
             self.reset();
         }
         let inputs = self.path.step(given, reasons);
         if !drive_is_there(&self.model.force, given) {
             *reasons |= Reasons::DRIVE_MISSING;
-            return None;
+            return SimulatedForces::NONE;
         }
         if given.case_temp_c.is_nan() && self.model.effects.need(Need::CaseTemperature) {
             *reasons |= Reasons::TEMPERATURE_MISSING;
         }
-        let inputs = inputs?;
+        let Some(inputs) = inputs else { return SimulatedForces::NONE };
         if outside(&self.model, &inputs) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
-        let raw_n = self.model.free_run(&mut self.state, &inputs).filter(|f| is_a_force(*f))?;
-        let mut force_n = raw_n;
-        if self.model.conditioning.apply_to == ApplyTo::Output {
-            let dt_s = given.dt_s.filter(|_| !self.fresh_output);
-            self.fresh_output = false;
-            force_n = self.path.low_pass.step(&mut self.output_filter, dt_s, raw_n);
-        }
+        let damper = self.damper.step(&self.model.force, &self.path, &inputs);
         // The low-pass may still hold forces outside the range when the model is back inside it.
-        if [raw_n, force_n].into_iter().any(|n| Envelope::leaves(self.model.envelope.force_n, n)) {
+        if damper.is_some_and(|forces_n| {
+            forces_n.into_iter().any(|n| Envelope::leaves(self.model.envelope.force_n, n))
+        }) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
-        Some(force_n)
+        let reading = match &mut self.reading {
+            None => damper,
+            Some(reading) => reading.step(&self.model.force, &self.path, &inputs),
+        };
+        let filtered_n = |[_, force_n]: [f64; 2]| force_n;
+        SimulatedForces { damper_n: damper.map(filtered_n), reading_n: reading.map(filtered_n) }
     }
 
     /// Restarts the filter of the measured force: the next measured force is the first of a stretch with predictions.
     pub(super) fn restart_comparison(&mut self) {
-        self.fresh_force = true;
+        self.measured_filter.restart();
     }
 
-    /// The measured force for comparison with this channel, N: low-passed if the output is.
+    /// The measured force for comparison with the expected reading, N: low-passed if the output is.
     #[inline]
     pub(super) fn comparable_force(&mut self, dt_s: Option<f64>, measured_n: f64) -> f64 {
-        if self.model.conditioning.apply_to != ApplyTo::Output {
-            return measured_n;
-        }
-        let dt_s = dt_s.filter(|_| !self.fresh_force);
-        self.fresh_force = false;
-        self.path.low_pass.step(&mut self.force_filter, dt_s, measured_n)
+        self.measured_filter.step(&self.path, dt_s, measured_n)
     }
 }
 

@@ -6,12 +6,16 @@ use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::force::{Dependence, ForceLaw, ForceModel, LawModel};
 use mr_damper_model::identify::{Dataset, DatasetOptions, Watch, score, walk};
+use mr_damper_model::inverse::ControlLaw;
 use mr_damper_model::model::{Envelope, Model};
 use mr_damper_model::pipeline::{
-    Event, Mode, Models, Pipeline, PipelineSetup, Reasons, Settings, UseForce, Validity,
+    Estimate, Event, Mode, Models, Pipeline, PipelineSetup, Reasons, Settings, StampedCommand, UseForce,
+    Validity,
 };
 use mr_damper_model::preset;
-use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
+use mr_damper_model::sample::{DriveKind, Reading, Run, Sample, Stamp, Trace};
+use mr_damper_model::units::Newton;
+use std::collections::HashMap;
 use std::ops::ControlFlow;
 
 /// Every effect at a size that clearly changes the force.
@@ -63,20 +67,32 @@ fn never() -> Settings {
     Settings { use_measured_force: UseForce::Never, bumpless_tau_s: 0.0, ..Settings::default() }
 }
 
-/// Stamp and bits of each force of the free-run channel.
-fn live(model: Model, run: &Run) -> Vec<(Stamp, u64)> {
+/// Stamps and bits of the forces of the free-run channel: the damper's, and the expected readings that a measured force was compared with.
+#[derive(Debug, PartialEq)]
+struct Live {
+    damper: Vec<(Stamp, u64)>,
+    readings: Vec<(Stamp, u64)>,
+}
+
+fn live(model: Model, run: &Run) -> Live {
     let mut pipeline = Pipeline::new(Models::alone(model), never()).expect("it runs");
-    let mut found = Vec::new();
+    let mut found = Live { damper: Vec::new(), readings: Vec::new() };
     for sample in run.samples() {
-        pipeline.step(&sample, &mut |event| {
-            if let Event::Estimate(e) = event
-                && e.mode == Mode::Model
-            {
-                found.push((e.stamp, e.force.get().to_bits()));
+        pipeline.step(&sample, &mut |event| match event {
+            Event::Estimate(e) if e.mode == Mode::Model => {
+                found.damper.push((e.stamp, e.force.get().to_bits()));
             }
+            Event::Residual(r) => found.readings.push((r.stamp, r.predicted.get().to_bits())),
+            _ => {}
         });
     }
     found
+}
+
+/// `model` without the effects of the load cell.
+fn damper(model: &Model) -> Model {
+    let list = model.effects.as_slice().iter().filter(|effect| !effect.is_of_load_cell());
+    Model { effects: of(&list.copied().collect::<Vec<_>>()), ..*model }
 }
 
 fn walked(model: &Model, run: &Run) -> Vec<(Stamp, u64)> {
@@ -106,10 +122,15 @@ fn the_pipeline_is_bit_identical_to_a_walk_over_the_rows() {
     .map(Effect::example);
     let mut lists: Vec<Vec<EffectModel>> = effects.iter().map(|effect| vec![*effect]).collect();
     lists.push(vec![]);
-    // A spring around a lag and a filter, a delay around a spring, and every effect in lists of three.
-    lists.push(vec![lag, filter, spring]);
+    // A filter around a spring and a lag, a delay around a spring, and every effect in lists of three.
+    lists.push(vec![lag, spring, filter]);
     lists.push(vec![spring, fade, delay]);
-    lists.extend(effects.chunks(3).map(<[EffectModel]>::to_vec));
+    lists.push(vec![EffectModel::new(Effect::SensorDelay, &[-0.005]).expect("within range"), filter]);
+    let (of_load_cell, others): (Vec<_>, Vec<_>) =
+        effects.iter().partition(|effect| effect.is_of_load_cell());
+    lists.extend(
+        [others, of_load_cell].iter().flat_map(|effects| effects.chunks(3)).map(<[EffectModel]>::to_vec),
+    );
     for list in lists {
         for (apply_to, velocity) in [
             (ApplyTo::Inputs, VelocitySource::Backward),
@@ -118,10 +139,72 @@ fn the_pipeline_is_bit_identical_to_a_walk_over_the_rows() {
         ] {
             let mut model = fuzzy(&list);
             (model.conditioning.apply_to, model.conditioning.velocity) = (apply_to, velocity);
-            let (a, b) = (live(model, &run), walked(&model, &run));
+            let found = live(model, &run);
+            let (a, b) = (&found.damper, walked(&damper(&model), &run));
             assert!(a.len() > 3000, "{} estimates", a.len());
             let differ = a.iter().zip(&b).filter(|(a, b)| a != b).count();
             assert!(a.len() == b.len() && differ == 0, "{apply_to:?} {list:?}: {differ} of {}", a.len());
+            // Not every displacement has a measured force near it.
+            let readings: HashMap<Stamp, u64> = walked(&model, &run).into_iter().collect();
+            assert!(found.readings.len() > 3000, "{} readings", found.readings.len());
+            let differ = found.readings.iter().filter(|(at, bits)| readings.get(at) != Some(bits)).count();
+            assert!(differ == 0, "{apply_to:?} {list:?}: {differ} readings");
+        }
+    }
+}
+
+/// Estimates and commands of a pipeline whose input includes force requests, and the expected readings.
+fn published(model: Model, run: &Run) -> (Vec<Estimate>, Vec<StampedCommand>, Vec<f64>) {
+    let settings =
+        Settings { law: ControlLaw::Follow, use_measured_force: UseForce::Auto, ..Settings::default() };
+    let mut pipeline = Pipeline::new(Models::alone(model), settings).expect("it runs");
+    let (mut estimates, mut commands, mut readings) = (Vec::new(), Vec::new(), Vec::new());
+    for sample in run.samples() {
+        let mut take = |event| match event {
+            Event::Estimate(estimate) => estimates.push(estimate),
+            Event::Command(command) => commands.push(command),
+            Event::Residual(residual) => readings.push(residual.predicted.get()),
+            _ => {}
+        };
+        if matches!(sample.reading, Reading::Displacement(_)) {
+            let reading = Reading::ForceRequest(Newton(300.0));
+            pipeline.step(&Sample { reading, ..sample }, &mut take);
+        }
+        pipeline.step(&sample, &mut take);
+    }
+    (estimates, commands, readings)
+}
+
+/// Effects of the load cell describe its reading. Debug text is compared, because NaN is not equal to itself.
+#[test]
+fn effects_of_the_load_cell_change_neither_the_estimate_nor_the_command() {
+    let with = |effect, value| EffectModel::new(effect, &[value]).expect("within range");
+    let lag = with(Effect::CoilLag, 0.01);
+    let lists = [
+        vec![with(Effect::SensorDelay, 0.005)],
+        vec![with(Effect::AntiAliasMismatch, 0.009)],
+        vec![with(Effect::LoadCellDrift, 0.2)],
+        vec![lag, with(Effect::SensorDelay, 0.005), with(Effect::LoadCellDrift, 0.2)],
+    ];
+    let measured = recorded();
+    let unmeasured = Run { force_n: None, ..measured.clone() };
+    for list in lists {
+        for apply_to in [ApplyTo::Inputs, ApplyTo::Output] {
+            let mut model = fuzzy(&list);
+            model.conditioning.apply_to = apply_to;
+            let damper = damper(&model);
+            let ((with, _, readings), (without, _, forces)) =
+                (published(model, &measured), published(damper, &measured));
+            assert!(
+                with.len() > 3000 && with.iter().filter(|e| e.validity == Validity::Valid).count() > 2000
+            );
+            assert!(format!("{with:?}") == format!("{without:?}"), "{apply_to:?} {list:?}");
+            let changed = readings.iter().zip(&forces).filter(|(reading, force)| reading != force).count();
+            assert!(changed > 2000, "{apply_to:?} {list:?}: {changed} readings differ from the force");
+            let ((_, with, _), (_, without, _)) =
+                (published(model, &unmeasured), published(damper, &unmeasured));
+            assert!(with.iter().filter(|command| command.command.current.get() > 0.1).count() > 500);
+            assert!(format!("{with:?}") == format!("{without:?}"), "{apply_to:?} {list:?}");
         }
     }
 }
@@ -172,7 +255,7 @@ fn thermal_fade_without_a_temperature_is_reported() {
     assert_eq!(refused.to_string(), expected);
     let refused = evaluate(model, &run, never(), |_| true).expect_err("no temperature");
     assert_eq!(refused.to_string(), expected);
-    assert!(live(model, &run).is_empty(), "no force without a temperature");
+    assert!(live(model, &run).damper.is_empty(), "no force without a temperature");
     let mut pipeline = Pipeline::new(Models::alone(model), never()).expect("it runs");
     for sample in run.samples() {
         pipeline.step(&sample, &mut |event| {

@@ -5,7 +5,8 @@
 use crate::inverse_support::{TIGHT, demand, error, folded, fuzzy_tanh, inputs, keeps_its_limits, with};
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::diagnose::{self, Runs};
-use mr_damper_model::effect::Effect;
+use mr_damper_model::effect::{AugmentedState, Effect};
+use mr_damper_model::force::Inputs;
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
 use mr_damper_model::inverse::track::{Figures, Point, Trajectory, on_model};
 use mr_damper_model::inverse::{Demand, InverseController, LimitedBy, Limits, Method, Shape};
@@ -194,4 +195,40 @@ fn on_the_model_itself_achievable_demands_are_met() {
     assert!((0.05..0.95).contains(&figures.infeasible_share), "{figures:?}");
     assert_eq!(figures.dissipative_violations, 0);
     assert_eq!(points.len(), samples);
+}
+
+/// The bias is learnt from the reading without the part that the load cell adds. A controller with the effect and fed with readings therefore
+/// commands the same as one without the effect and fed with the damper's force.
+#[test]
+fn the_bias_does_not_learn_the_effects_of_the_load_cell() {
+    let effects: [(Effect, f64); 3] =
+        [(Effect::SensorDelay, 0.005), (Effect::AntiAliasMismatch, 0.009), (Effect::LoadCellDrift, 5.0)];
+    for (effect, value) in effects {
+        let (model, damper) = (with(&[(effect, &[value])]), fuzzy_tanh());
+        let mut controllers = [&model, &damper]
+            .map(|model| InverseController::new(model, Limits::default()).expect("an inverse"));
+        let mut states = [AugmentedState::default(); 2];
+        let mut last_a = 0.0;
+        for k in 0..1500 {
+            let t = f64::from(k) / RATE_HZ;
+            let at = Inputs {
+                dt_s: (k > 0).then_some(1.0 / RATE_HZ),
+                acceleration_m_s2: -6.0 * (30.0 * t).sin(),
+                ..inputs(0.0067 * (30.0 * t).sin(), 0.2 * (30.0 * t).cos())
+            };
+            let driven = Inputs { drive: last_a, ..at };
+            let [reading_n, force_n] = [(0, &model), (1, &damper)]
+                .map(|(own, model)| model.free_run(&mut states[own], &driven).expect("a force"));
+            // The damper is stronger than its model by a tenth.
+            let measured_n = [reading_n + 0.1 * force_n, 1.1 * force_n];
+            let demand = Demand::Force(400.0 * (30.0 * t).cos().signum());
+            let [with_a, without_a] =
+                [0, 1].map(|own| controllers[own].step(&at, demand, Some(measured_n[own])).current.get());
+            assert!(
+                (with_a - without_a).abs() < 1e-9,
+                "{effect:?} {value} at {t}: {with_a} A, {without_a} A"
+            );
+            last_a = without_a;
+        }
+    }
 }

@@ -112,6 +112,7 @@ mod tests {
             stamp: Stamp::from_nanos(1_700_000_000_250_000_000),
             measured: Newton(100.0),
             predicted: Newton(90.0),
+            load_cell: Newton(0.0),
             residual: Newton(10.0),
             expected_rsse: Newton(expected_n),
             normalised: 10.0 / expected_n,

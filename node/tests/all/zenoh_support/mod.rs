@@ -197,6 +197,7 @@ pub(crate) fn residual(nanos: i64, residual_n: f64) -> Event {
         stamp: Stamp::from_nanos(nanos),
         measured: Newton(100.0),
         predicted: Newton(100.0 - residual_n),
+        load_cell: Newton(0.0),
         residual: Newton(residual_n),
         expected_rsse: Newton(f64::NAN),
         normalised: f64::NAN,

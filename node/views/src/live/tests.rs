@@ -70,6 +70,7 @@ fn step(summary: &mut LiveSummary, k: i64) {
             stamp,
             measured: Newton(force_n),
             predicted: Newton(force_n - 50.0),
+            load_cell: Newton(0.0),
             residual: Newton(50.0 * (7.0 * at_s).sin()),
             expected_rsse: Newton(f64::NAN),
             normalised: 1.0,
