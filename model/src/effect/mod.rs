@@ -109,6 +109,10 @@ pub const MAX_EFFECT_PARAMETERS: usize = 2;
 /// Longest delay between channels that an effect can model, s.
 pub const MAX_DELAY_S: f64 = 10e-3;
 
+/// Reference temperature of the models, °C: the case temperature at which no effect changes the force. It is used where no temperature is
+/// known.
+pub const REFERENCE_TEMP_C: f64 = 25.0;
+
 /// Declares the files of effects and [`Effect`] with all forms. A line is `file: Form, Form;`.
 ///
 /// The step is a `match`, so that it is dispatched statically and can be inlined.

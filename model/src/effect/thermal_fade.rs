@@ -12,12 +12,10 @@
 //!
 //! A sample without a temperature has no force. Yield and viscous parts of the force fade by the same factor here.
 
+use super::REFERENCE_TEMP_C;
 use super::parts::scaled;
 use super::{Definition, EffectState, Inside, Inversion, Layer, Need, Parameter, Properties, Unit, Values};
 use crate::force::Inputs;
-
-/// Temperature at which the effect does not change the model's force, °C.
-const REFERENCE_C: f64 = 25.0;
 
 pub(super) struct ThermalFade;
 
@@ -45,7 +43,7 @@ impl Definition for ThermalFade {
         inside: &mut Inside,
     ) -> Option<f64> {
         let force_n = inside.run(inputs)?;
-        let factor = 1.0 + fade_per_k * (inputs.case_temp_c - REFERENCE_C);
+        let factor = 1.0 + fade_per_k * (inputs.case_temp_c - REFERENCE_TEMP_C);
         Some(scaled(force_n, inside.offset_n(), factor))
     }
 }

@@ -14,8 +14,8 @@
 //! hysteresis loop occur where they belong. A model with memory runs one period before it is evaluated. A model without memory
 //! is evaluated at each point alone.
 
-use super::shape::{Bounds, CASE_TEMP_C};
-use crate::effect::{Augmented, AugmentedState};
+use super::shape::Bounds;
+use crate::effect::{Augmented, AugmentedState, REFERENCE_TEMP_C};
 use crate::force::Inputs;
 use crate::model::Model;
 use std::f64::consts::TAU;
@@ -106,7 +106,7 @@ impl Cycle {
                 velocity_m_s: -reach * self.fastest_m_s * sin,
                 acceleration_m_s2: -reach * self.fastest_m_s * omega * cos,
                 drive: current_a,
-                case_temp_c: CASE_TEMP_C,
+                case_temp_c: REFERENCE_TEMP_C,
             };
             let before = state;
             let is_shown = step >= round && step % self.steps == shown;

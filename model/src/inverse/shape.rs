@@ -15,7 +15,7 @@
 
 use super::cycle::{Cycle, CyclePoints};
 use super::prepare;
-use crate::effect::{Augmented, AugmentedState};
+use crate::effect::{Augmented, AugmentedState, REFERENCE_TEMP_C};
 use crate::force::Inputs;
 use crate::model::Model;
 
@@ -35,8 +35,6 @@ const STRAIGHT: f64 = 1e-9;
 const ALONG_LINE: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
 /// If the current changes the force by less than this share of the model's largest force, it counts as ineffective.
 pub(super) const HARDLY: f64 = 0.01;
-/// Case temperature of the checks, °C: the temperature of identification, for models that depend on it.
-pub(super) const CASE_TEMP_C: f64 = 23.0;
 
 /// The range of motion of the checks: the model's envelope or, without one, the range of a damper of a seat or a small vehicle.
 pub(super) struct Bounds {
@@ -187,7 +185,8 @@ fn arrive(
             velocity_m_s,
             acceleration_m_s2: 0.0,
             drive: current_a,
-            case_temp_c: CASE_TEMP_C,
+            // No temperature is known when a model is loaded.
+            case_temp_c: REFERENCE_TEMP_C,
         };
         force_n = model.free_run(&mut state, &inputs);
     }

@@ -12,9 +12,8 @@
 use super::control_law::Demand;
 use super::controller::{CurrentCommand, InverseController};
 use super::limits::LimitedBy;
-use super::shape::CASE_TEMP_C;
 use crate::condition::{Conditioning, LowPass, MotionState, VelocitySource};
-use crate::effect::AugmentedState;
+use crate::effect::{AugmentedState, REFERENCE_TEMP_C};
 use crate::error::Error;
 use crate::force::Inputs;
 use crate::metrics::{ErrorSum, Fit};
@@ -111,7 +110,7 @@ impl Figures {
     }
 }
 
-/// Displacement and demanded force, one value per sample.
+/// Displacement, demanded force and case temperature, one value per sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trajectory {
     /// Time since the sample before, s; `None` for the first and after a gap.
@@ -120,6 +119,8 @@ pub struct Trajectory {
     pub displacement_m: Vec<f64>,
     /// Demanded force, N; NaN without a demand.
     pub force_n: Vec<f64>,
+    /// Case temperature, °C; NaN where it is not known, which counts as [`REFERENCE_TEMP_C`].
+    pub case_temp_c: Vec<f64>,
 }
 
 /// Tracks `trajectory` on `model` itself, with a copy of `controller`, which must belong to that model.
@@ -158,9 +159,10 @@ pub fn on_model(
     let mut state = AugmentedState::default();
     let mut time_s = 0.0;
     let samples = trajectory.dt_s.iter().zip(&trajectory.displacement_m).zip(&trajectory.force_n);
-    let follow = |((dt_s, displacement_m), force_n): ((&Option<f64>, &f64), &f64)| {
+    let samples = samples.zip(&trajectory.case_temp_c);
+    let follow = |(((dt_s, displacement_m), force_n), case_temp_c): (((&Option<f64>, &f64), &f64), &f64)| {
         time_s += dt_s.unwrap_or(0.0);
-        let inputs = conditioner.see(*dt_s, *displacement_m);
+        let inputs = conditioner.see(*dt_s, *displacement_m, *case_temp_c);
         let command = controller.step(&inputs, Demand::Force(*force_n), None);
         let driven = Inputs { drive: command.current.get(), ..inputs };
         let known = inputs.velocity_m_s.is_finite();
@@ -220,7 +222,11 @@ pub fn on_rig(
     let mut conditioner = InputConditioner::new(model)?;
     let mut commands = Vec::with_capacity(force_n.len());
     let response = control(motion, rig.plant, rig.channels, rig.seed, &mut |shown| {
-        let inputs = conditioner.see((shown.sample > 0).then_some(1.0 / RATE_HZ), shown.displacement_m);
+        let inputs = conditioner.see(
+            (shown.sample > 0).then_some(1.0 / RATE_HZ),
+            shown.displacement_m,
+            rig.plant.start_c,
+        );
         let demand_n = force_n.get(shown.sample).copied();
         let command =
             controller.step(&inputs, Demand::of_force(demand_n), rig.feedback.then_some(shown.force_n));
@@ -264,7 +270,7 @@ impl InputConditioner {
         Ok(Self { conditioning, low_pass: conditioning.low_pass(), state: MotionState::default() })
     }
 
-    fn see(&mut self, dt_s: Option<f64>, displacement_m: f64) -> Inputs {
+    fn see(&mut self, dt_s: Option<f64>, displacement_m: f64, case_temp_c: f64) -> Inputs {
         let motion = self.conditioning.step(&self.low_pass, &mut self.state, dt_s, displacement_m, None);
         Inputs {
             dt_s,
@@ -272,7 +278,7 @@ impl InputConditioner {
             velocity_m_s: motion.map_or(f64::NAN, |motion| motion.velocity_m_s),
             acceleration_m_s2: motion.map_or(f64::NAN, |motion| motion.acceleration_m_s2),
             drive: f64::NAN,
-            case_temp_c: CASE_TEMP_C,
+            case_temp_c: if case_temp_c.is_finite() { case_temp_c } else { REFERENCE_TEMP_C },
         }
     }
 }

@@ -187,6 +187,7 @@ fn on_the_model_itself_achievable_demands_are_met() {
         displacement_m: (0..samples).map(|k| 0.015 * (omega * seconds(k)).sin()).collect(),
         // In phase with the velocity, and for a part of each cycle too small or too large.
         force_n: (0..samples).map(|k| 700.0 * (omega * seconds(k)).cos()).collect(),
+        case_temp_c: vec![f64::NAN; samples],
     };
     let controller = InverseController::new(&model, Limits::default()).expect("it follows a current");
     let points: Vec<Point> = on_model(&model, &controller, &demand).expect("it needs no velocity");
@@ -231,4 +232,28 @@ fn the_bias_does_not_learn_the_effects_of_the_load_cell() {
             last_a = without_a;
         }
     }
+}
+
+#[test]
+fn thermal_fade_acts_at_a_known_temperature_and_not_at_an_unknown_one() {
+    let (plain, fading) = (fuzzy_tanh(), with(&[(Effect::ThermalFade, &[-0.005])]));
+    let most_n = |model: &Model| Shape::of(model, 2.5).most_n;
+    assert!((most_n(&fading) / most_n(&plain) - 1.0).abs() < 1e-12, "no temperature is known at a load");
+    let samples = RATE_HZ as usize;
+    let achieved_n = |model: &Model, case_temp_c: f64| {
+        let displacement_m = |k: usize| 0.01 * (10.0 * k as f64 / RATE_HZ).sin();
+        let demand = Trajectory {
+            dt_s: (0..samples).map(|k| (k > 0).then_some(1.0 / RATE_HZ)).collect(),
+            displacement_m: (0..samples).map(displacement_m).collect(),
+            // More than the damper can give, so the current is the same at any temperature.
+            force_n: (0..samples).map(|k| 9e3 * (10.0 * k as f64 / RATE_HZ).cos()).collect(),
+            case_temp_c: vec![case_temp_c; samples],
+        };
+        let controller = InverseController::new(model, Limits::default()).expect("it follows a current");
+        let points = on_model(model, &controller, &demand).expect("it needs no velocity");
+        points.iter().map(|point| point.achieved.get()).filter(|n| n.is_finite()).fold(0.0, f64::max)
+    };
+    let plain_n = achieved_n(&plain, f64::NAN);
+    assert!((achieved_n(&fading, f64::NAN) / plain_n - 1.0).abs() < 1e-9);
+    assert!((achieved_n(&fading, 45.0) / plain_n - 0.9).abs() < 0.02, "20 K at 0.5 % per kelvin");
 }

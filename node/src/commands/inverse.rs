@@ -130,6 +130,7 @@ fn demand(run: &Run) -> Result<Trajectory, NodeError> {
         dt_s: rows.iter().map(|row| row.dt_s).collect(),
         displacement_m: rows.iter().map(|row| row.displacement_m).collect(),
         force_n: rows.iter().map(|row| row.raw_force_n).collect(),
+        case_temp_c: rows.iter().map(|row| row.case_temp_c).collect(),
     })
 }
 
