@@ -208,12 +208,12 @@ impl InverseController {
     }
 }
 
-/// Largest change of the current within `dt_s` at `rate_a_s`, A. Without a time step the current does not change. An infinite rate allows
-/// every change, also within a step of 0 s.
+/// Largest change of the current within `dt_s` at `rate_a_s`, A. An infinite rate allows every change, also within an unknown time or a step
+/// of 0 s. At a finite rate the current does not change within an unknown time.
 fn most_change_a(rate_a_s: f64, dt_s: Option<f64>) -> f64 {
     match dt_s {
+        _ if rate_a_s == f64::INFINITY => f64::INFINITY,
         None => 0.0,
-        Some(_) if rate_a_s == f64::INFINITY => f64::INFINITY,
         Some(dt_s) => rate_a_s * dt_s,
     }
 }

@@ -235,6 +235,21 @@ fn the_bias_does_not_learn_the_effects_of_the_load_cell() {
 }
 
 #[test]
+fn after_a_gap_only_a_driver_with_a_rate_limit_is_rate_limited() {
+    let first = Inputs { dt_s: None, ..inputs(0.0, 0.2) };
+    let command = |limits: Limits| {
+        let mut controller = InverseController::new(&fuzzy_tanh(), limits).expect("an inverse");
+        let command = controller.step(&first, Demand::Force(400.0), None);
+        assert!(command.is_achievable, "{command:?}");
+        (command.limited_by, command.current.get())
+    };
+    let (limited_by, current_a) = command(Limits::default());
+    assert!(limited_by == LimitedBy::None && current_a > 0.1, "{limited_by:?} at {current_a} A");
+    // How far a limited driver can go is not known without a time step.
+    assert_eq!(command(Limits { rate_max_a_s: 100.0, ..Limits::default() }), (LimitedBy::Rate, 0.0));
+}
+
+#[test]
 fn thermal_fade_acts_at_a_known_temperature_and_not_at_an_unknown_one() {
     let (plain, fading) = (fuzzy_tanh(), with(&[(Effect::ThermalFade, &[-0.005])]));
     let most_n = |model: &Model| Shape::of(model, 2.5).most_n;
