@@ -34,9 +34,8 @@ use futures::future::{BoxFuture, FusedFuture, join};
 use job_thread::{JobMessage, JobThread};
 use mr_damper_model::sample::Run;
 use mr_damper_msgs::Action;
+use mr_damper_runs::write_text;
 use ros2_client::action::{CancelHandle, GoalEndStatus};
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, PoisonError};
@@ -125,13 +124,10 @@ fn write_new(folder: &Path, damper: &str, what: &str, text: &str) -> Result<Path
 /// Writes a new model file and returns its absolute path, because the reader may have another working directory.
 fn create(path: &Path, text: &str) -> Result<PathBuf, NodeError> {
     let path = std::path::absolute(path).map_err(NodeError::io("finding the current directory"))?;
-    let writing = || NodeError::io(format!("writing {}", path.display()));
-    let mut file = OpenOptions::new().write(true).create_new(true).open(&path).map_err(writing())?;
-    file.write_all(text.as_bytes()).map_err(|error| {
-        // Remove it, because half a file may be valid TOML. The write error is reported, not an error of the removal.
-        let _ = std::fs::remove_file(&path);
-        writing()(error)
-    })?;
+    if path.symlink_metadata().is_ok() {
+        return Err(RequestError::FileExists { path: path.display().to_string() }.into());
+    }
+    write_text(&path, text)?;
     Ok(path)
 }
 
@@ -358,6 +354,26 @@ async fn sent<W: ActionWork>(pending: &mut Option<PendingResult<'_, W>>) {
 mod tests {
     use super::*;
     use std::process::Command;
+
+    /// A model file that is seen in part may be read as another model.
+    #[test]
+    fn a_model_file_appears_whole_and_replaces_none() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let path = dir.path().join("model.toml");
+        let text = "a = 1\n".repeat(4_000_000);
+        let lengths: Vec<u64> = std::thread::scope(|scope| {
+            let writing = scope.spawn(|| create(&path, &text).expect("written"));
+            let mut seen = Vec::new();
+            while !writing.is_finished() {
+                seen.extend(path.metadata().map(|there| there.len()));
+            }
+            seen
+        });
+        assert!(lengths.iter().all(|length| *length == text.len() as u64), "{:?}", lengths.first());
+        let refused = create(&path, "a = 2\n").expect_err("the name is taken").to_string();
+        assert!(refused.contains("exists already and is not overwritten"), "{refused}");
+        assert_eq!(std::fs::read_dir(dir.path()).expect("there").count(), 1);
+    }
 
     /// Runs in a child process of the test below, on a file system with room for one page.
     #[test]
