@@ -245,7 +245,7 @@ impl Control {
         if models.seeded.is_some() && now.seeded.is_none() {
             now.seeded.clone_from(&before.seeded);
         }
-        now.hash = models::hash(&models);
+        now.hash = models::hash(&models)?;
         let config = Config { model: requested.model, ..state.config.clone() };
         let (settings, setup) = setup(&config, &models)?;
         let controller = *setup.controller();
@@ -460,7 +460,11 @@ mod tests {
                 }
             });
             let running = control.models().expect("it is configured");
-            assert_eq!(control.models_names().hash, models::hash(&running), "round {round}");
+            assert_eq!(
+                control.models_names().hash,
+                models::hash(&running).expect("it writes"),
+                "round {round}"
+            );
         }
         control.detach().expect("it was attached").stop().expect("no panic");
     }
@@ -487,7 +491,8 @@ mod tests {
         let control = hung();
         let error = control.load_model("thesis/fuzzy-tanh/rp1-cs").expect_err("nobody executes it");
         assert!(error.to_string().contains("has not swapped the model in"), "{error}");
-        assert_eq!(control.models_names().hash, models::hash(&control.models().expect("it is configured")));
+        let models = control.models().expect("it is configured");
+        assert_eq!(control.models_names().hash, models::hash(&models).expect("it writes"));
         control.detach().expect("it was attached").stop().expect("no panic");
     }
 

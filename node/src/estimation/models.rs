@@ -113,7 +113,7 @@ pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
     let names = ModelNames {
         free: config.model.clone(),
         seeded: seeded_name.map(str::to_owned),
-        hash: hash(&models),
+        hash: hash(&models)?,
     };
     Ok((models, names))
 }
@@ -141,9 +141,43 @@ pub fn succeeding(next: Models, running: &Models) -> Result<Models, NodeError> {
     })
 }
 
-/// SHA-256 of both models' parameters, in hex. Equal models have equal hashes, whatever their files.
-pub(crate) fn hash(models: &Models) -> String {
+/// SHA-256 of both models, in hex: of the text of each one's model file without provenance, after the length of that text. Equal models
+/// have equal hashes, whatever their files.
+///
+/// # Errors
+/// When a model cannot be written as a model file.
+pub(crate) fn hash(models: &Models) -> Result<String, NodeError> {
     let mut hasher = Sha256::new();
-    hasher.update(format!("{models:?}"));
-    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    for model in [Some(models.free), models.seeded] {
+        let file = model.map(|model| ModelFile { model, provenance: Provenance::default() });
+        let text = file.map(|file| file.to_toml()).transpose()?.unwrap_or_default();
+        hasher.update((text.len() as u64).to_le_bytes());
+        hasher.update(text);
+    }
+    Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn hash_of(models: &Models) -> String {
+        hash(models).expect("a model file can be written")
+    }
+
+    /// A change of this value is a change of the model file's format.
+    #[test]
+    fn the_hash_is_of_the_models_and_not_of_their_names_in_the_code() {
+        let models = Models::alone(preset::load("thesis/sp-passive/rp-icps").expect("a preset"));
+        assert_eq!(hash_of(&models), "9f283818f75e940ded78ba38e27639ddcde5f6c7da9e67c4fe2e4ff4eb05f437");
+        let file = ModelFile { model: models.free, provenance: Provenance::default() };
+        let read = ModelFile::from_toml(&file.to_toml().expect("it writes")).expect("it reads").model;
+        assert_eq!(hash_of(&Models::alone(read)), hash_of(&models));
+        let force = models.free.force.with_force_offset_n(1e-9);
+        let others = [
+            Models { free: Model { force, ..models.free }, ..models },
+            Models { seeded: Some(models.free), ..models },
+        ];
+        assert!(others.iter().all(|other| hash_of(other) != hash_of(&models)));
+    }
 }
