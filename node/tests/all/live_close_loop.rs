@@ -7,6 +7,7 @@ use crate::live_support::{wait_until, within};
 use crate::turn::turn;
 use futures::StreamExt;
 use mr_damper_model::model::Model;
+use mr_damper_model::sample::Run;
 use mr_damper_msgs::action::{CloseLoop, CloseLoopGoal};
 use mr_damper_node::estimation::models;
 use mr_damper_node::nodes::damper_node::DamperNode;
@@ -37,6 +38,11 @@ impl Setup {
 
     /// Like [`Self::set`], in a namespace.
     fn within(namespace: &str, domain_id: i64, dir: &Path, auto_load: bool) -> Self {
+        Self::with_history(&run(60.0, LAG_S, 2), namespace, domain_id, dir, auto_load)
+    }
+
+    /// The service with `recorded` as its history.
+    fn with_history(recorded: &Run, namespace: &str, domain_id: i64, dir: &Path, auto_load: bool) -> Self {
         let path = dir.join("base.toml");
         write(&path, base());
         let config = Config {
@@ -49,7 +55,7 @@ impl Setup {
         let args = RosArgs::in_namespace(namespace);
         let (service, _) = DamperNode::start(&config, &args, false).expect("the service starts");
         let history = service.history();
-        for sample in run(60.0, LAG_S, 2).samples() {
+        for sample in recorded.samples() {
             history.lock().expect("no panic").push(&sample);
         }
         let mut peer = Ros::start(&config, &args, NodeOptions::new(), "peer").expect("a peer starts");
@@ -163,6 +169,32 @@ fn auto_load_loads_the_model_unless_another_one_was_loaded_meanwhile() {
     assert_eq!((&report["loaded"], &report["load_error"]), (&true.into(), &Value::Null), "{report}");
     assert_eq!(report["model_file"], setup.model().as_str());
     assert_ne!(report["model_file"], first, "no file is overwritten");
+    setup.end();
+}
+
+#[test]
+fn a_model_with_a_drift_of_the_load_cell_is_not_loaded_by_itself() {
+    const DRIFT_N_S: f64 = 0.25;
+    let _turn = turn(module_path!());
+    let domain = Domain::lease();
+    let dir = tempfile::tempdir().expect("a directory");
+    let mut recorded = run(60.0, 0.0, 2);
+    let force = recorded.force_n.as_mut().expect("a force");
+    let first = force.stamps[0];
+    for (stamp, force_n) in force.stamps.iter().zip(&mut force.values) {
+        *force_n += DRIFT_N_S * stamp.since(first).get();
+    }
+    let setup = Setup::with_history(&recorded, "/", domain.id(), dir.path(), true);
+    let before = setup.model();
+    let id = setup.send(ALL_S).expect("a good goal is accepted");
+    let (status, _, report) = setup.result(id);
+    assert_eq!(status, GoalStatusEnum::Succeeded, "{report}");
+    let found = report["effects"].as_array().expect("a list");
+    assert!(found.iter().any(|effect| effect["id"] == "load_cell_drift"), "{report}");
+    assert_eq!((&report["loaded"], setup.model()), (&false.into(), before), "{report}");
+    let path = report["model_file"].as_str().expect("a path");
+    let why = report["load_error"].as_str().expect("a text");
+    assert!(why.contains("includes load_cell_drift") && why.contains(path), "{why}");
     setup.end();
 }
 

@@ -1,6 +1,6 @@
 //! The action `close_loop`: diagnoses the running model on the service's history, and adds the effects that it lacks.
 //!
-//! The new model is loaded only if `close_loop.auto_load` is set.
+//! The new model is loaded only if `close_loop.auto_load` is set and it includes no drift of the load cell.
 
 use super::{ActionContext, ActionWork, Job, Step, total_s, write_new};
 use crate::estimation::control::Control;
@@ -8,6 +8,7 @@ use crate::ros2::answer_limit::{self, Shorten};
 use crate::settings::error::{NodeError, RequestError};
 use crate::streams::parameters::Parameters;
 use mr_damper_model::diagnose::{self, DiagnosisResult, Runs, Settings, Stage};
+use mr_damper_model::effect::{Effect, EffectModel};
 use mr_damper_model::identify::Watch;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::Role;
@@ -209,7 +210,7 @@ impl Diagnosis {
             })
             .transpose()?;
         let loaded = match (&path, &self.auto_load) {
-            (Some(path), Some(auto_load)) => auto_load.load(path).map(|()| true),
+            (Some(path), Some(auto_load)) => auto_load.load(path, &result.after).map(|()| true),
             _ => Ok(false),
         };
         tracing::info!(model_file = ?path, ?loaded, "close_loop: {}", in_short(&result));
@@ -237,8 +238,13 @@ impl Diagnosis {
 }
 
 impl AutoLoad {
-    /// Loads the model in `path`, unless the diagnosed model has been replaced meanwhile.
-    fn load(&self, path: &Path) -> Result<(), NodeError> {
+    /// Loads `model` from `path`, unless it includes a drift of the load cell, or the diagnosed model has been replaced meanwhile.
+    fn load(&self, path: &Path, model: &Model) -> Result<(), NodeError> {
+        let drift = |effect: &EffectModel| effect.effect() == Effect::LoadCellDrift;
+        if model.effects.as_slice().iter().any(drift) {
+            let (effect, path) = (Effect::LoadCellDrift.id(), path.display().to_string());
+            return Err(RequestError::IncludesDrift { effect, path }.into());
+        }
         self.control.load_model_over(&path.display().to_string(), &self.running)?;
         self.parameters.announce(&["model".to_owned()]);
         Ok(())

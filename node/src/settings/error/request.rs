@@ -103,6 +103,17 @@ pub enum RequestError {
     /// The action works on another goal.
     #[error("another goal is running; cancel it, or wait for its result")]
     Busy,
+    /// A new model includes a drift of the load cell, so it is not loaded by itself.
+    #[error(
+        "the model is not loaded by itself, because it includes {effect}: a drift belongs to one session, and starts again at zero when \
+         the model is loaded; to load it, call load_model with {path}"
+    )]
+    IncludesDrift {
+        /// Id of the effect.
+        effect: &'static str,
+        /// The model file.
+        path: String,
+    },
     /// The file of a new model exists.
     #[error("{path} exists already and is not overwritten; give another path in out")]
     FileExists {
