@@ -1,4 +1,4 @@
-//! Draws the force-velocity loop of each force law, for a damper of about 1 kN on a sine of 15 mm at 2 Hz.
+//! Draws the force-velocity loops of force laws, for a damper of about 1 kN on a sine of 15 mm at 2 Hz.
 //!
 //! ```text
 //! cargo run --release -p mr-damper-model --example laws
@@ -13,22 +13,24 @@ const RATE_HZ: f64 = 512.0;
 const FREQUENCY_HZ: f64 = 2.0;
 const AMPLITUDE_M: f64 = 0.015;
 
-/// Parameters in the order of [`ForceLaw::parameters`].
-const fn parameters(law: ForceLaw) -> &'static [f64] {
-    match law {
-        ForceLaw::Sp => &[700.0, 1_500.0, 25.0, 0.06, 0.015],
-        ForceLaw::BoucWen => &[1_500.0, 60_000.0, 8_000.0, 1_000.0, 700.0, 900.0, 1.2, 300.0, 1_000.0],
-        ForceLaw::Kwok => &[1_500.0, 3_000.0, 700.0, 25.0, 0.8],
-        ForceLaw::Li => &[700.0, 50.0, 0.04, 1_500.0, 2_000.0, 700.0, 50.0, -0.04, 1_500.0, 2_000.0],
-        ForceLaw::CesmeciEngin => &[1_500.0, 800.0, 40.0, 0.04, 10.0],
-        // An odd polynomial, 13.5e3 u - 440e3 u^3 + 5.6e6 u^5, at u = v - 0.03 and at u = v + 0.03.
-        ForceLaw::Choi => &[
+/// Laws with their parameters, in the order of [`ForceLaw::parameters`].
+const LAWS: [(ForceLaw, &[f64]); 8] = [
+    (ForceLaw::Sp, &[700.0, 1_500.0, 25.0, 0.06, 0.015]),
+    (ForceLaw::BoucWen, &[1_500.0, 60_000.0, 8_000.0, 1_000.0, 700.0, 900.0, 1.2, 300.0, 1_000.0]),
+    (ForceLaw::Kwok, &[1_500.0, 3_000.0, 700.0, 25.0, 0.8]),
+    (ForceLaw::Li, &[700.0, 50.0, 0.04, 1_500.0, 2_000.0, 700.0, 50.0, -0.04, 1_500.0, 2_000.0]),
+    (ForceLaw::CesmeciEngin, &[1_500.0, 800.0, 40.0, 0.04, 10.0]),
+    // An odd polynomial, 13.5e3 u - 440e3 u^3 + 5.6e6 u^5, at u = v - 0.03 and at u = v + 0.03.
+    (
+        ForceLaw::Choi,
+        &[
             -393.3, 12_335.0, 38_088.0, -389_600.0, -840e3, 5.6e6, 0.0, 393.3, 12_335.0, -38_088.0,
             -389_600.0, 840e3, 5.6e6, 0.0,
         ],
-        ForceLaw::Arctan => &[800.0, 1_500.0, 40.0, 0.06, 0.015],
-    }
-}
+    ),
+    (ForceLaw::Arctan, &[800.0, 1_500.0, 40.0, 0.06, 0.015]),
+    (ForceLaw::Linear, &[5_000.0, 2_000.0]),
+];
 
 /// Velocity and force over one period, after one settling period.
 fn cycle(model: &LawModel) -> Vec<(f64, f64)> {
@@ -69,8 +71,8 @@ fn draw(points: &[(f64, f64)]) -> String {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    for law in ForceLaw::ALL {
-        let model = LawModel::new(law, Dependence::None, parameters(law), 0.0)?;
+    for (law, parameters) in LAWS {
+        let model = LawModel::new(law, Dependence::None, parameters, 0.0)?;
         let points = cycle(&model);
         // Work per cycle, from the closed force-displacement loop.
         let work_j: f64 = points.iter().map(|(v, f)| v * f / RATE_HZ).sum();

@@ -269,6 +269,7 @@ laws! {
     cesmeci_engin: CesmeciEngin;
     choi: Choi;
     arctan: Arctan;
+    linear: Linear;
 }
 
 /// One parameter of a law: its name with the unit, and its bounds and start values for the identification.
