@@ -1,10 +1,11 @@
 //! Measures how often the diagnosis names a correct or a wrong effect, on generated runs with known effects.
 //!
 //! ```text
-//! cargo run --release -p mr-damper-model --example diagnosis_rates -- [--seeds 20] [--first 0] [--only TEXT] [--velocity]
+//! cargo run --release -p mr-damper-model --example diagnosis_rates -- [--seeds 20] [--first 0] [--only TEXT] [--velocity | --auto]
 //!     --only TEXT   the case with this name, "null", or all cases whose name contains it: "single", "coil_lag", "x0.5"
 //!     --first N     the first seed
 //!     --velocity    with a velocity transducer, and nine sets instead of seven, so that the base model fits better
+//!     --auto        with the base that `close --base auto` chooses; without the paired cases, which have no such base
 //! ```
 
 #[path = "../tests/all/diagnosis/mod.rs"]
@@ -38,9 +39,10 @@ fn arguments() -> Result<Arguments, Box<dyn Error>> {
             "--only" => given.only = value()?,
             "--first" => given.first = value()?.parse().map_err(|e| format!("--first: {e}"))?,
             "--velocity" => given.instrumentation = Instrumentation::Velocity,
+            "--auto" => given.instrumentation = Instrumentation::Auto,
             _ => {
                 return Err(format!(
-                    "{word} is unknown; the options are --seeds N, --first N, --only TEXT and --velocity"
+                    "{word} is unknown; the options are --seeds N, --first N, --only TEXT, --velocity and --auto"
                 )
                 .into());
             }
@@ -55,6 +57,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         catalogue().into_iter().filter(|spec| spec.name().contains(&given.only)).collect();
     if specs.iter().any(|spec| spec.name() == given.only) {
         specs.retain(|spec| spec.name() == given.only);
+    }
+    if given.instrumentation == Instrumentation::Auto {
+        specs.retain(|spec| spec.kind != Kind::Paired);
     }
     if specs.is_empty() {
         return Err(format!("no case has a name that contains \"{}\"", given.only).into());

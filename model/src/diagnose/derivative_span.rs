@@ -72,7 +72,7 @@ impl DerivativeSpan {
             self.columns.iter().zip(&self.lengths).map(|(c, length)| dot(c, score) / length),
         );
         let moves = self.square.as_ref()?.solve(&shared);
-        let space = Space::new(with, joint.scales, joint.base_moves).ok()?;
+        let space = Space::new(with, joint.scales, joint.ranges, joint.base_moves).ok()?;
         let mut values = space.values();
         // Only the coefficients of the base are changed: the position of the effects' parameters depends on the new effect.
         for ((value, bounds), (step, length)) in

@@ -42,6 +42,12 @@ impl EffectSet {
         Ok(Self { included: Effect::ALL.map(|effect| ids.iter().any(|id| id.as_ref() == effect.id())) })
     }
 
+    /// This set without the effects with these ids, in all their forms. It may be empty.
+    pub(super) fn without(&self, ids: impl IntoIterator<Item = &'static str>) -> Self {
+        let ids: Vec<&str> = ids.into_iter().collect();
+        Self { included: Effect::ALL.map(|effect| self.has(effect) && !ids.contains(&effect.id())) }
+    }
+
     /// True if `effect` may be named.
     #[must_use]
     pub fn has(&self, effect: Effect) -> bool {

@@ -2,6 +2,7 @@
 
 use super::refusal::{BaseFault, Refusal};
 use crate::effect::{Effect, EffectModel};
+use crate::error::Error;
 use crate::metrics::Fit;
 use crate::model::Model;
 use crate::statistics::error_ratio::NoInterval;
@@ -226,6 +227,32 @@ pub struct RemainingError {
     pub correlates_with: Vec<Correlation>,
 }
 
+/// A structure of the base that was tried, if the diagnosis chose it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StructureRow {
+    /// Name of the structure.
+    pub structure: &'static str,
+    /// How it fits; or why it could not be identified or simulated.
+    pub outcome: Result<StructureFit, Error>,
+}
+
+/// How a structure fits.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StructureFit {
+    /// RMSE on the validation runs without any effect, N.
+    pub alone_rsse_n: f64,
+    /// RMSE on the validation runs with the effects found under this structure, N.
+    pub rsse_n: f64,
+    /// Ids of these effects.
+    pub effects: Vec<&'static str>,
+    /// The verdict under this structure.
+    pub verdict: Verdict,
+    /// True if it fits the validation runs about as well as the best structure.
+    pub fits_as_well: bool,
+    /// True for the structure that became the base.
+    pub chosen: bool,
+}
+
 /// The result of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DiagnosisResult {
@@ -257,4 +284,6 @@ pub struct DiagnosisResult {
     pub before: Model,
     /// The base with the effects; the same as `before` if no effect was named.
     pub after: Model,
+    /// The structures that were tried as base, in order; empty if the base was given.
+    pub structures: Vec<StructureRow>,
 }

@@ -68,12 +68,13 @@ impl<'a> Intervals<'a> {
     pub(super) fn of(&self, index: usize) -> Vec<FoundParameter> {
         let effects = self.fitted.model.effects().as_slice();
         let first = self.of_base + effects[..index].iter().map(|e| e.parameters().len()).sum::<usize>();
-        let parameters = effects[index].effect().parameters().iter().zip(effects[index].parameters());
+        let effect = effects[index].effect();
+        let parameters = effect.parameters().iter().zip(effects[index].parameters());
         let found = |(j, (parameter, value)): (usize, (&Parameter, &f64))| FoundParameter {
             name: parameter.name,
             value: *value,
             ci95: self.ci95(first + j, *value),
-            range: parameter.range_at(self.joint.scales.size(parameter.scale)),
+            range: self.joint.ranges.of(effect, j, parameter, self.joint.scales.size(parameter.scale)),
         };
         parameters.enumerate().map(found).collect()
     }

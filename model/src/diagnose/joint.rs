@@ -14,6 +14,7 @@
 //!
 //! Source: `[broyden1965]` and `[levenberg-marquardt]` in the bibliography (node/docs/guide/bibliography.md).
 
+use super::ranges::Ranges;
 use super::rows::{Rows, dot};
 use super::space::Space;
 use crate::effect::Augmented;
@@ -60,6 +61,8 @@ pub(super) type Nearby = Vec<Option<Vec<f64>>>;
 pub(super) struct Joint<'a> {
     pub(super) rows: &'a Rows<'a>,
     pub(super) scales: Scales,
+    /// Physical ranges of the effects' parameters.
+    pub(super) ranges: Ranges,
     /// True if the coefficients of the base are fitted too; false in paired mode.
     pub(super) base_moves: bool,
     pub(super) watch: &'a Watch<'a>,
@@ -78,7 +81,7 @@ impl Joint<'_> {
         nearby: Nearby,
         evaluations: usize,
     ) -> Result<Option<Fitted>, Error> {
-        let space = Space::new(start, self.scales, self.base_moves)?;
+        let space = Space::new(start, self.scales, self.ranges, self.base_moves)?;
         if space.values().is_empty() {
             return Ok(Fitted::as_is(*start, self.rows));
         }
@@ -104,7 +107,7 @@ impl Joint<'_> {
     /// Derivatives of the simulation of `fitted` by all its numbers, each run's mean removed: first those by the coefficients of the base.
     /// Also returns how many belong to the base.
     pub(super) fn jacobian(&self, fitted: &Fitted) -> Result<(Vec<Vec<f64>>, usize), Error> {
-        let space = Space::new(&fitted.model, self.scales, self.base_moves)?;
+        let space = Space::new(&fitted.model, self.scales, self.ranges, self.base_moves)?;
         let columns = self
             .columns(&space, &space.values(), &fitted.predicted_n, Nearby::new())
             .ok_or(Error::Cancelled)?;

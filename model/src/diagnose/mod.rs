@@ -36,11 +36,13 @@ mod interval;
 mod joint;
 mod paired;
 mod procedure;
+mod ranges;
 mod refusal;
 mod round;
 mod rows;
 mod score;
 mod space;
+mod structures;
 mod test_runs;
 mod variants;
 
@@ -49,10 +51,12 @@ pub use crate::statistics::error_ratio::NoInterval;
 pub use effect_set::EffectSet;
 pub use finding::{
     Candidate, Correlation, DiagnosisMode, DiagnosisResult, FloorSource, FoundParameter, NamedEffect,
-    NoiseFloor, RefusedEffect, RemainingError, RunErrors, TestResult, Verdict,
+    NoiseFloor, RefusedEffect, RemainingError, RunErrors, StructureFit, StructureRow, TestResult, Verdict,
 };
 pub use paired::reference_force_n;
+pub use ranges::Ranges;
 pub use refusal::{BaseFault, Refusal};
+pub use structures::{close_any, default_structures};
 
 use crate::error::Error;
 use crate::identify::{Dataset, Watch};
@@ -84,6 +88,8 @@ pub struct Settings {
     pub most_effects: usize,
     /// Effects that may be named.
     pub effects: EffectSet,
+    /// Physical ranges of the effects' parameters.
+    pub ranges: Ranges,
     /// Least length of a block, s; `None` for 3 s on training and validation runs, and for a length that follows from the data on test
     /// runs, which this can only make longer. On 100 trials with coloured noise and no effect, blocks of 3 s named no effect, and blocks of 0.25 s named one in one trial
     /// of six. Give shorter blocks only if the data are too short for 3 s, and report it.
@@ -102,6 +108,7 @@ impl Default for Settings {
             block_s: None,
             most_effects: 3,
             effects: EffectSet::ALL,
+            ranges: Ranges::default(),
             most_rows: 60_000,
             seed: 0,
         }
@@ -122,6 +129,8 @@ impl Settings {
 /// Stages of a diagnosis, reported to the caller as progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
+    /// A structure of the base is identified and diagnosed; its name.
+    Structure(&'static str),
     /// The base is refitted on the training runs.
     Base,
     /// The scores of this round are computed.

@@ -46,6 +46,8 @@ pub(super) struct Procedure<'a> {
     estimate: Rows<'a>,
     confirm: Rows<'a>,
     runs: &'a Runs<'a>,
+    /// The caller compares the base with other structures.
+    structure_compared: bool,
 }
 
 /// The base alone and the base with the effects found: fitted on the training runs, and evaluated without refitting on the validation
@@ -106,7 +108,22 @@ impl<'a> Procedure<'a> {
         let (estimate, confirm) =
             (rows(base, runs, runs.estimate, settings)?, rows(base, runs, runs.confirm, settings)?);
         score::check_length(&estimate, settings)?;
-        Ok(Self { base, settings, watch, mode, scales: Scales::of(runs.estimate)?, estimate, confirm, runs })
+        Ok(Self {
+            base,
+            settings,
+            watch,
+            mode,
+            scales: Scales::of(runs.estimate)?,
+            estimate,
+            confirm,
+            runs,
+            structure_compared: false,
+        })
+    }
+
+    /// Leaves out the check against an alternative structure: the caller compares structures.
+    pub(super) fn with_structure_compared(self) -> Self {
+        Self { structure_compared: true, ..self }
     }
 
     /// True if the base already has `effect`: it is kept and not reported as found.
@@ -122,7 +139,13 @@ impl<'a> Procedure<'a> {
 
     fn joint(&self) -> Joint<'_> {
         let base_moves = self.mode == DiagnosisMode::Absolute;
-        Joint { rows: &self.estimate, scales: self.scales, base_moves, watch: self.watch }
+        Joint {
+            rows: &self.estimate,
+            scales: self.scales,
+            ranges: self.settings.ranges,
+            base_moves,
+            watch: self.watch,
+        }
     }
 
     fn round(&self, noise: f64, number: usize) -> Round<'_> {
@@ -159,7 +182,7 @@ impl<'a> Procedure<'a> {
             true => base_floor,
             false => self.noise_floor(&pair.found)?,
         };
-        if lof_before >= NOTHING {
+        if lof_before >= NOTHING && !self.structure_compared {
             stage(Stage::Alternative);
             results.base_fault = self.inadequate(&pair, floor.rsse_n, &results.fits)?;
         }
@@ -369,6 +392,7 @@ impl<'a> Procedure<'a> {
             confirm,
             test,
             remaining,
+            structures: Vec::new(),
         })
     }
 

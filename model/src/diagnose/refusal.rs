@@ -138,6 +138,27 @@ pub enum Refusal {
     /// Effects that were named later explain the same error.
     #[error("not needed: effects named after it explain the same error")]
     NotNeeded,
+    /// Another structure of the base fits the validation runs about as well and does not name the effect.
+    #[error("depends on the base: {structure} fits the validation runs about as well, and does not show it")]
+    DependsOnBase {
+        /// Name of the other structure.
+        structure: &'static str,
+    },
+    /// Another structure of the base fits the validation runs about as well and finds another value.
+    #[error(
+        "depends on the base: {structure} fits the validation runs about as well, and finds {parameter} {other_value:.4e} in place of \
+         {value:.4e}"
+    )]
+    DiffersBetweenBases {
+        /// Name of the other structure.
+        structure: &'static str,
+        /// Name of the parameter, which ends in the unit.
+        parameter: &'static str,
+        /// The value under the chosen structure.
+        value: f64,
+        /// The value under the other structure.
+        other_value: f64,
+    },
     /// The base is inadequate.
     #[error(transparent)]
     BaseInadequate(BaseFault),

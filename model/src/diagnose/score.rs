@@ -124,7 +124,8 @@ impl Scores {
     fn start(&self, joint: &Joint, fitted: &Fitted, score: &Score) -> Result<Augmented, Error> {
         let parameter = &score.effect.parameters()[0];
         let size = joint.scales.size(parameter.scale);
-        let (neutral, [low, high]) = (parameter.neutral * size, parameter.range_at(size));
+        let neutral = parameter.neutral * size;
+        let [low, high] = joint.ranges.of(score.effect, 0, parameter, size);
         let amount = |share: f64| (neutral + share * score.regressed).clamp(low, high);
         let at = |amount: f64| with_amount(joint, fitted, score.effect, amount, score.shape);
         let squares =
@@ -235,7 +236,7 @@ fn held_score(
     }
     let power = dot(&own, &own);
     let regressed = dot(&own, &fitted.residual_n) / power;
-    let range = parameter.range_at(size);
+    let range = joint.ranges.of(effect, 0, parameter, size);
     let [low, high] = [range[0].min(neutral), range[1].max(neutral)];
     let possible = (low..=high).contains(&(neutral + 1e-3 * regressed.signum() * step.abs()));
     // The block length follows from the correlation of the rest after the effect is removed: the effect itself may be slow.

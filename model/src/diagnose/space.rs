@@ -7,6 +7,7 @@
 //! In paired mode the base's coefficients are not included. Derivatives are finite differences of the whole simulator. They work for
 //! every base and every effect, through filters and internal states, and cost one simulation for each number.
 
+use super::ranges::Ranges;
 use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::{DiagnosisError, Error};
 use crate::force::law::Kind;
@@ -45,6 +46,7 @@ pub(super) struct Space {
     coefficients: Vec<Coefficient>,
     effects: Vec<EffectModel>,
     scales: Scales,
+    ranges: Ranges,
 }
 
 impl Space {
@@ -53,9 +55,15 @@ impl Space {
     /// # Errors
     /// [`DiagnosisError::BaseNotPhysical`] or [`DiagnosisError::BaseNotDetermined`] if `base_moves` is set and the base has no
     /// coefficients that can be refitted here.
-    pub(super) fn new(model: &Augmented, scales: Scales, base_moves: bool) -> Result<Self, Error> {
+    pub(super) fn new(
+        model: &Augmented,
+        scales: Scales,
+        ranges: Ranges,
+        base_moves: bool,
+    ) -> Result<Self, Error> {
         let coefficients = if base_moves { coefficients(model.force(), &scales)? } else { Vec::new() };
-        Ok(Self { base: *model.force(), coefficients, effects: model.effects().as_slice().to_vec(), scales })
+        let effects = model.effects().as_slice().to_vec();
+        Ok(Self { base: *model.force(), coefficients, effects, scales, ranges })
     }
 
     /// The numbers of the model at the centre of the space.
@@ -73,9 +81,13 @@ impl Space {
     /// the neutral value.
     pub(super) fn bounds(&self) -> Vec<[f64; 2]> {
         let base = self.coefficients.iter().map(|c| c.bounds);
-        let effects = self.effects.iter().flat_map(|e| e.effect().parameters()).map(|parameter| {
+        let parameters = |e: &EffectModel| {
+            let effect = e.effect();
+            effect.parameters().iter().enumerate().map(move |(index, parameter)| (effect, index, parameter))
+        };
+        let effects = self.effects.iter().flat_map(parameters).map(|(effect, index, parameter)| {
             let size = self.scales.size(parameter.scale);
-            let [low, high] = parameter.range_at(size);
+            let [low, high] = self.ranges.of(effect, index, parameter, size);
             let neutral = if parameter.is_shape() { low } else { parameter.neutral * size };
             [low.min(neutral), high.max(neutral)]
         });
@@ -230,10 +242,14 @@ mod tests {
         let grid = SlipGrid::new([0.01, 0.03, 0.1], [5e-4, 1e-3, 2e-3, 4e-3, 8e-3])?;
         let force = ForceModel::MaxwellSlip(MaxwellSlip::new(grid, None, &[SlipFunction::default()], 0.0)?);
         let base = Augmented::new(force, Effects::NONE)?;
-        let refused = Space::new(&base, SCALES, true).map(|_| ()).expect_err("refused").to_string();
+        let refused =
+            Space::new(&base, SCALES, Ranges::default(), true).map(|_| ()).expect_err("refused").to_string();
         assert!(refused.contains("the maxwell-slip model cannot be refitted in a diagnosis"), "{refused}");
         assert!(refused.contains("15 coefficients"), "{refused}");
-        assert!(Space::new(&base, SCALES, false)?.values().is_empty(), "paired runs do not refit it");
+        assert!(
+            Space::new(&base, SCALES, Ranges::default(), false)?.values().is_empty(),
+            "paired runs do not refit it"
+        );
         Ok(())
     }
 
@@ -244,7 +260,7 @@ mod tests {
             let functions = slopes.map(|slope| TanhFunction::new([300.0, 900.0, slope, 2.0]));
             let sets = FuzzySets::new(membership, &[0.0, 1.0, 2.0])?;
             let force = ForceModel::FuzzyTanh(FuzzyTanh::new(sets, &functions, 0.0)?);
-            let space = Space::new(&Augmented::new(force, Effects::NONE)?, SCALES, true)?;
+            let space = Space::new(&Augmented::new(force, Effects::NONE)?, SCALES, Ranges::default(), true)?;
             Ok(space.upright(&space.values()))
         };
         assert_eq!(upright([30.0, 45.0, 60.0])?, None);

@@ -218,12 +218,14 @@ impl Parameter {
         [self.range[0] * size, self.range[1] * size]
     }
 
-    /// Values allowed in a model: the physical range, extended to the neutral value. A range relative to the data limits only the sign,
-    /// because a model does not know the data's scales.
+    /// Values allowed in a model: the physical range, extended to the neutral value. Only the sign is limited if the range is relative to
+    /// the data, because a model does not know their scales, and if the parameter is a mass, a force or a stiffness, because a large
+    /// machine has large ones.
     #[must_use]
     pub fn allowed(&self) -> [f64; 2] {
         let [low, high] = [self.range[0].min(self.neutral), self.range[1].max(self.neutral)];
-        if self.scale == Scale::ONE {
+        let of_any_size = [Unit::KILOGRAM, Unit::NEWTON, Unit::NEWTON_PER_METRE].contains(&self.unit);
+        if self.scale == Scale::ONE && !of_any_size {
             return [low, high];
         }
         [if low < 0.0 { f64::NEG_INFINITY } else { 0.0 }, if high > 0.0 { f64::INFINITY } else { 0.0 }]

@@ -8,6 +8,27 @@ use thiserror::Error;
 #[serde(tag = "code", rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum DiagnosisError {
+    /// A given range is not one that the parameter can have.
+    #[error(
+        "the range {} to {} of {parameter} of {effect} cannot be used: give two finite values, the smaller one first, within {} to {}",
+        range[0], range[1], allowed[0], allowed[1]
+    )]
+    Range {
+        /// The effect.
+        effect: String,
+        /// Name of the parameter, which ends in the unit.
+        parameter: &'static str,
+        /// The given range.
+        range: [f64; 2],
+        /// Values that a model can have.
+        allowed: [f64; 2],
+    },
+    /// The structure of the base cannot be chosen here.
+    #[error(
+        "the structure of the base cannot be chosen: that needs at least one structure to try, and no reference runs, whose healthy force \
+         is the base already; give a model as base"
+    )]
+    BaseNeeded,
     /// No training run was given.
     #[error("no training runs (--estimate) were given: give the runs to find effects on")]
     NoTrainingRuns,

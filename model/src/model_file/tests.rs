@@ -258,7 +258,11 @@ fn an_error_in_an_effect_names_the_key() {
             "[[effects]]\nid = \"friction\"\nfriction_n = \"3\"",
             "effects[0].friction_n is \"3\", not a number",
         ),
-        ("[[effects]]\nid = \"friction\"\nfriction_n = 3e3", "friction_n is 3000, but must be 0 to 200"),
+        ("[[effects]]\nid = \"friction\"\nfriction_n = -3", "friction_n is -3, but must be"),
+        (
+            "[[effects]]\nid = \"coil_lag\"\nform = \"one_tau\"\ntau_s = 3",
+            "tau_s is 3, but must be 0 to 0.04",
+        ),
         ("[[effects]]\nid = \"friction\"\nfriction_n = nan", "friction_n is NaN"),
         (
             "[[effects]]\nid = \"friction\"\nfriction_n = 3\n[[effects]]\nid = \"end_stop\"\nstiffness_n_m = 1e5\nclearance_m = -1",

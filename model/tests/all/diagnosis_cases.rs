@@ -100,6 +100,13 @@ fn only_effects_that_are_present_are_named() -> Result<(), Error> {
         assert!(outcome.removed.is_some_and(|share| share > 0.9), "{name}: {outcome:?}");
         assert_eq!(outcome.verdict, Verdict::Explained, "{name}");
     }
+    // The structure of fuzzy-tanh lacks the memory of this damper, so the base is chosen.
+    let lag = spec("wrong base coil_lag x1");
+    let outcome = diagnose(&lag.case(1)?, Instrumentation::Auto)?;
+    let mut row = Row::default();
+    row.take(&lag, &outcome, None, 0.0);
+    assert_eq!((row.right.hits, row.wrong.hits), (1, 0), "{outcome:?}");
+    assert!(row.error() < 0.1, "{outcome:?}");
     // A drift of 0.1 N/s, which is negligible next to the misfit of a finite-difference velocity.
     let outcome = diagnose(&spec("single load_cell_drift x0.5").case(1)?, Instrumentation::Velocity)?;
     assert_eq!(

@@ -7,15 +7,16 @@ mod write;
 
 use crate::commands::conditioning::ConditioningArgs;
 use crate::commands::context::CliContext;
-use crate::commands::number::newtons;
+use crate::commands::number::{newtons, range};
 use crate::commands::output::OutputArgs;
 use crate::commands::progress::Working;
 use crate::commands::run_args::RunArgs;
 use crate::settings::error::NodeError;
-use base::Base;
+use base::{Base, Prepared};
 use clap::builder::PossibleValuesParser;
 use live::LiveArgs;
-use mr_damper_model::diagnose::{self, EffectSet, Runs, Settings};
+use mr_damper_model::condition::Conditioning;
+use mr_damper_model::diagnose::{self, EffectSet, Ranges, Runs, Settings};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::identify::{Dataset, Watch};
 use mr_damper_model::model_file::Role;
@@ -27,7 +28,7 @@ use std::time::Instant;
 
 /// The usage line of `--help`: recorded runs, or a running node.
 const USAGE: &str = "\
-mr-damper close --base <MODEL> --estimate <RUN>... --confirm <RUN>... --out <MODEL+.toml> [OPTIONS]
+mr-damper close [--base <MODEL>] --estimate <RUN>... --confirm <RUN>... --out <MODEL+.toml> [OPTIONS]
        mr-damper close --live [--history <S>] [--json [<FILE>]] [--ros-args ...]";
 
 /// The end of `--help`: the sets of runs, and examples.
@@ -42,11 +43,13 @@ The sets of runs (whole runs; no file may be used twice):
                 only the changes since then are diagnosed, even if the base model fits poorly
 
 Examples:
+  mr-damper close --estimate a.csv b.csv --confirm c.csv --test d.csv --out damper.toml --report close.html
+      chooses the structure of the model, identifies it, and adds the effects that it lacks
   mr-damper close --base damper.toml --estimate a.csv b.csv --confirm c.csv --test d.csv \\
                   --out damper+.toml --report close.html
       adds the effects that the model in use lacks
   mr-damper close --base fuzzy-tanh --estimate a.csv b.csv --confirm c.csv --test d.csv --out new.toml
-      first identifies the base on a.csv and b.csv (with --reference: on the healthy runs)
+      keeps to this structure, and first identifies it on a.csv and b.csv (with --reference: on the healthy runs)
   mr-damper close --base damper.toml --estimate worn-1.csv --confirm worn-2.csv --test worn-3.csv \\
                   --reference new-1.csv new-2.csv new-3.csv --out damper+.toml
       finds what wear has changed
@@ -83,9 +86,11 @@ const GROUP: &str = "RecordedArgs";
 /// Arguments for a base model and recorded runs.
 #[derive(Debug, clap::Args)]
 pub struct RecordedArgs {
-    /// Model file, preset, or name of a model (fuzzy-tanh, kwok, ...). A named model is first identified, on the healthy
-    /// runs if --reference is given, else on the training runs.
-    #[arg(long, group = GROUP, value_name = "MODEL", required = false, required_unless_present = "live")]
+    /// Model file, preset, name of a model (fuzzy-tanh, kwok, ...), or `auto`. A named model is first identified, on the
+    /// healthy runs if --reference is given, else on the training runs. With `auto`, several structures are identified and
+    /// diagnosed; the simplest one that fits the validation runs about as well as the best becomes the base, and an effect
+    /// is named only if it does not depend on that choice. With --reference, name the model in use.
+    #[arg(long, group = GROUP, value_name = "MODEL", default_value = base::AUTO)]
     pub base: String,
     /// Training runs, on which effects are searched: CSV files, rosbag2 directories, .mcap files.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1.., required_unless_present = "live")]
@@ -114,6 +119,10 @@ pub struct RecordedArgs {
     /// whole library].
     #[arg(long, group = GROUP, value_name = "ID", num_args = 1.., value_delimiter = ',', value_parser = PossibleValuesParser::new(Effect::ids()))]
     pub effects: Vec<String>,
+    /// Physical range of an effect's first parameter, in its unit, for a machine that is not a damper of a few kilonewtons:
+    /// inertia=0:200 for masses up to 200 kg. May be given several times.
+    #[arg(long, group = GROUP, value_name = "ID=LOW:HIGH", allow_hyphen_values = true, value_parser = range)]
+    pub range: Vec<(String, [f64; 2])>,
     /// Model file to write.
     #[arg(long, group = GROUP, value_name = "MODEL+.toml", required = false, required_unless_present = "live")]
     pub out: PathBuf,
@@ -167,9 +176,9 @@ fn on_runs(args: &RecordedArgs, output: &OutputArgs, context: &CliContext) -> Re
              --test"
         );
     }
-    let base = base.identified(&given, args, context, &working)?;
-    let data =
-        given.iter().map(|given| given.rows(&base.model, args, context)).collect::<Result<Vec<_>, _>>()?;
+    let base = base.prepared(&given, args, context, &working)?;
+    let rows = |given: &Given| given.rows(base.conditioning(), args, context);
+    let data = given.iter().map(rows).collect::<Result<Vec<_>, _>>()?;
     let of = |role: Role| -> Vec<Dataset> {
         given
             .iter()
@@ -190,20 +199,23 @@ fn on_runs(args: &RecordedArgs, output: &OutputArgs, context: &CliContext) -> Re
     };
     let result = close(&base, &runs, args, context, &working)?;
     drop(working);
+    let base = base.of_result(&result);
     let done = write::Done { result, base, runs, given: &given, seconds: started.elapsed().as_secs_f64() };
     write::all(args, output, &done, context)
 }
 
 fn close(
-    base: &base::Identified,
+    base: &Prepared,
     runs: &Runs,
     args: &RecordedArgs,
     context: &CliContext,
     working: &Working,
 ) -> Result<diagnose::DiagnosisResult, NodeError> {
     let effects = if args.effects.is_empty() { EffectSet::ALL } else { EffectSet::only(&args.effects)? };
+    let with = |ranges: Ranges, (id, range): &(String, [f64; 2])| ranges.with(id, *range);
     let settings = Settings {
         effects,
+        ranges: args.range.iter().try_fold(Ranges::default(), with)?,
         noise_floor_n: args.noise_floor,
         block_s: args.block_s,
         seed: args.seed,
@@ -219,8 +231,14 @@ fn close(
     }
     let progress = |progress| working.progress(progress);
     let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
-    diagnose::close(&base.model, runs, &settings, &watch, &|stage| working.stage(&stage_in_words(stage)))
-        .map_err(interrupted)
+    let stage = |stage| working.stage(&stage_in_words(stage));
+    let result = match base {
+        Prepared::Model(base) => diagnose::close(&base.model, runs, &settings, &watch, &stage),
+        Prepared::Structures(structures, options) => {
+            diagnose::close_any(structures, options, runs, &settings, &watch, &stage)
+        }
+    };
+    result.map_err(interrupted)
 }
 
 /// Converts an error of the model crate; cancelled work becomes [`NodeError::Interrupted`].
@@ -232,16 +250,16 @@ fn interrupted(error: mr_damper_model::Error) -> NodeError {
 }
 
 impl Given {
-    /// The run as rows, with the conditioning of `model`.
+    /// The run as rows.
     fn rows(
         &self,
-        model: &mr_damper_model::model::Model,
+        conditioning: &Conditioning,
         args: &RecordedArgs,
         context: &CliContext,
     ) -> Result<Dataset, NodeError> {
         if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
-        Ok(Dataset::from_run(&self.run, &model.conditioning, &args.conditioning.dataset())?)
+        Ok(Dataset::from_run(&self.run, conditioning, &args.conditioning.dataset())?)
     }
 }

@@ -1,4 +1,4 @@
-//! Values of command-line flags that are positive numbers.
+//! Values of command-line flags that are numbers.
 
 use thiserror::Error;
 
@@ -8,6 +8,22 @@ use thiserror::Error;
 pub(crate) struct NotPositive {
     /// The unit, in words.
     unit: &'static str,
+}
+
+/// A value is not an id with a range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error("must be an id and two numbers, like inertia=0:200")]
+pub(crate) struct NotRange;
+
+/// Parses an id with a range of numbers, `ID=LOW:HIGH`.
+///
+/// # Errors
+/// [`NotRange`].
+pub(crate) fn range(text: &str) -> Result<(String, [f64; 2]), NotRange> {
+    let (id, ends) = text.split_once('=').ok_or(NotRange)?;
+    let (low, high) = ends.split_once(':').ok_or(NotRange)?;
+    let number = |text: &str| text.trim().parse().map_err(|_| NotRange);
+    Ok((id.trim().to_owned(), [number(low)?, number(high)?]))
 }
 
 /// Parses a positive number of newtons.

@@ -123,6 +123,12 @@ fn unsuitable_input_is_refused_before_any_work() {
         refused(&format!("{three} {flag}"), 2, &[name, PRESET, "holds its own"]);
     }
 
+    // With healthy runs, the base must be given.
+    let healthy = "close --estimate a.csv --confirm b.csv --reference a.csv b.csv --out new.toml";
+    let output = mr_damper(dir.path(), &healthy.split(' ').collect::<Vec<_>>());
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("Give the model in use with --base"), "{}", text(&output.stderr));
+
     // Files and numbers.
     refused(&format!("{three} --report none/r.html"), 1, &["none/r.html", "no folder none"]);
     refused(&format!("{three} --noise-floor -3"), 2, &["--noise-floor", "positive number of newtons"]);
@@ -159,7 +165,7 @@ fn the_help_explains_each_set_of_runs() {
         "test runs: read once",
         "--replicates",
         "Examples:",
-        "mr-damper close --base",
+        "mr-damper close [--base",
     ] {
         assert!(help.contains(word), "\"{word}\" is missing in: {help}");
     }
@@ -192,6 +198,25 @@ fn the_rigs_coil_lag_is_found_and_written_and_its_test_run_cannot_be_used_again(
     assert!(json["test"]["ratio_ci95"][1].as_f64().is_some_and(|high| high < 0.6), "{:#}", json["test"]);
     let roles: Vec<&Value> = json["runs"].as_array().expect("runs").iter().map(|run| &run["role"]).collect();
     assert_eq!(roles, ["estimate", "estimate", "confirm", "test"]);
+
+    // Without a base, the structure is chosen on the validation run, and the file that is written has it.
+    let output = close("close --restarts 2 --out chosen.toml");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let chosen: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
+    let structures = chosen["structures"].as_array().expect("structures");
+    let names: Vec<&str> = structures.iter().filter_map(|row| row["structure"].as_str()).collect();
+    assert_eq!(names, ["fuzzy-tanh", "bouc-wen"]);
+    let [best] = structures.iter().filter(|row| row["chosen"] == true).collect::<Vec<_>>()[..] else {
+        panic!("one structure is chosen: {structures:#?}");
+    };
+    assert!(
+        structures.iter().all(|row| row["rsse_n"].as_f64() >= best["rsse_n"].as_f64()),
+        "{structures:#?}"
+    );
+    let found = chosen["effects"].as_array().expect("effects");
+    assert!(found.iter().any(|effect| effect["id"] == "coil_lag"), "{found:#?}");
+    let written = std::fs::read_to_string(dir.path().join("chosen.toml")).expect("a model file");
+    assert!(written.contains(best["structure"].as_str().expect("a name")), "{written}");
 
     // An effect that `--effects` excludes is neither named nor reported as absent.
     let other = close("close --base fuzzy-tanh --restarts 2 --out other.toml --effects gas_spring,friction");
@@ -244,7 +269,7 @@ fn options_for_recorded_runs_are_refused_with_live() {
         ("close --history 60", "--live"),
         ("close --history 60 --base a.toml --estimate a.csv --out new.toml", "--history"),
         ("close --domain-id 1 --base a.toml --estimate a.csv --out new.toml", "--domain-id"),
-        ("close", "--base"),
+        ("close", "--estimate"),
     ] {
         let output = mr_damper(dir.path(), &line.split(' ').collect::<Vec<_>>());
         let said = text(&output.stderr);

@@ -11,6 +11,8 @@
 //! | null, single, pair, outside | quasi-static valve with no effect, one, two, or one outside the library | yes |
 //! | wrong base | Bouc-Wen valve, with no or one effect | no |
 //! | paired | Bouc-Wen valve, with no or one effect, and a healthy run with the same excitation | no |
+//!
+//! The rig has a compliance (6 MN/m) in series with its Bouc-Wen valve, so each case of "wrong base" has a spring in series.
 
 use super::rates::library_id;
 use mr_damper_model::Error;
@@ -93,6 +95,14 @@ impl Kind {
             Self::Outside => "outside",
             Self::WrongBase => "wrong base",
             Self::Paired => "paired",
+        }
+    }
+
+    /// Effect, by the rig's id, that already the healthy damper has and that its force law lacks.
+    pub(crate) const fn own_effect(self) -> Option<&'static str> {
+        match self {
+            Self::WrongBase => Some("series_spring"),
+            _ => None, // in paired mode, the healthy run has it, too
         }
     }
 

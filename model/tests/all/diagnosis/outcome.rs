@@ -3,7 +3,7 @@
 use super::cases::{Case, Kind};
 use mr_damper_model::Error;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
-use mr_damper_model::diagnose::{Runs, Settings, Verdict, close};
+use mr_damper_model::diagnose::{Runs, Settings, Verdict, close, close_any, default_structures};
 use mr_damper_model::identify::{
     Dataset, DatasetOptions, ModelSpec, Options, Placement, Watch, identify_datasets,
 };
@@ -59,12 +59,14 @@ pub(crate) enum Instrumentation {
     Displacement,
     /// A velocity transducer too, and a base with nine sets. The misfit of the healthy damper is negligible.
     Velocity,
+    /// Displacement alone, and the base that `close --base auto` chooses with its default settings.
+    Auto,
 }
 
 impl Instrumentation {
     const fn conditioning(self) -> Conditioning {
         match self {
-            Self::Displacement => CONDITIONING,
+            Self::Displacement | Self::Auto => CONDITIONING,
             Self::Velocity => Conditioning { velocity: VelocitySource::Measured, ..CONDITIONING },
         }
     }
@@ -72,6 +74,7 @@ impl Instrumentation {
     /// Fuzzy sets of the base over the current, 0 to 2.5 A.
     fn placement(self) -> Placement {
         let sets: u8 = match self {
+            Self::Auto => return Placement::FromRuns,
             Self::Displacement => 7,
             Self::Velocity => 9,
         };
@@ -83,8 +86,8 @@ impl Instrumentation {
     }
 }
 
-/// Diagnoses a case: fuzzy-tanh is identified on the training runs (in paired mode on the healthy run with the training excitation), and
-/// the diagnosis is run with it as base.
+/// Diagnoses a case with the base fuzzy-tanh, identified on the training runs or, in paired mode, on the healthy run with the training
+/// excitation. With [`Instrumentation::Auto`], which has no paired mode, the base is chosen.
 ///
 /// # Errors
 /// As identification and diagnosis.
@@ -99,14 +102,23 @@ pub(crate) fn diagnose(case: &Case, instrumentation: Instrumentation) -> Result<
     let options = Options {
         conditioning,
         choose_velocity: false,
-        restarts: RESTARTS,
+        restarts: if instrumentation == Instrumentation::Auto {
+            Options::default().restarts
+        } else {
+            RESTARTS
+        },
         placement: instrumentation.placement(),
         ..Options::default()
     };
-    let base = identify_datasets(ModelSpec::FUZZY_TANH, healthy, &options, &Watch::none())?.model;
     let runs =
         Runs { estimate: &estimate, confirm: &confirm, test: &test, reference: &reference, replicates: &[] };
-    let found = close(&base, &runs, &Settings::default(), &Watch::none(), &|_| {})?;
+    let (settings, watch) = (Settings::default(), Watch::none());
+    let found = if instrumentation == Instrumentation::Auto {
+        close_any(&default_structures(true)?, &options, &runs, &settings, &watch, &|_| {})?
+    } else {
+        let base = identify_datasets(ModelSpec::FUZZY_TANH, healthy, &options, &watch)?.model;
+        close(&base, &runs, &settings, &watch, &|_| {})?
+    };
     let test = found.test.unwrap_or_else(|| panic!("{}: there was a test run", case.name));
     let named = |named: &mr_damper_model::diagnose::NamedEffect| Named {
         ids: named.class.iter().map(ToString::to_string).collect(),

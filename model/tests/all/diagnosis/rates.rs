@@ -68,6 +68,8 @@ pub(crate) struct Row {
     /// Relative errors of the parameters of effects that were named by their own id.
     errors: Vec<f64>,
     verdicts: BTreeMap<&'static str, u32>,
+    /// Effects that were named but are not present, by id and form.
+    wrong_names: BTreeMap<String, u32>,
 }
 
 impl Row {
@@ -84,8 +86,12 @@ impl Row {
         let within = |ids: &[String], id: &str| ids.iter().any(|named| named == id);
         let found = |id: &str| outcome.named.iter().any(|named| within(&named.ids, id));
         self.right.count(there.iter().all(|id| id.is_some_and(&found)));
-        let is_there = |ids: &[String]| there.iter().flatten().any(|id| within(ids, id));
-        self.wrong.count(outcome.named.iter().any(|named| !is_there(&named.ids)));
+        let own = spec.kind.own_effect().and_then(library_id);
+        let is_there = |ids: &[String]| there.iter().flatten().chain(&own).any(|id| within(ids, id));
+        let wrong = outcome.named.iter().filter(|named| !is_there(&named.ids));
+        let wrong: Vec<String> = wrong.map(|named| named.form.unwrap_or(&named.ids[0]).to_owned()).collect();
+        self.wrong.count(!wrong.is_empty());
+        wrong.into_iter().for_each(|name| *self.wrong_names.entry(name).or_default() += 1);
         for (id, size) in &spec.truth {
             // The spring has its own form, with a different parameter from the lag's.
             let form = (*id == "series_spring").then_some("series_spring");
@@ -117,8 +123,9 @@ impl Row {
     pub(crate) fn text(&self, spec: &CaseSpec) -> String {
         let sizes: Vec<String> = spec.truth.iter().map(|(_, size)| format!("{size}")).collect();
         let verdicts: Vec<String> = self.verdicts.iter().map(|(name, n)| format!("{name} {n}")).collect();
+        let wrong: Vec<String> = self.wrong_names.iter().map(|(name, n)| format!("{name} {n}")).collect();
         format!(
-            "{:<40} {:>14} {:>7.2} {:>9.2e} {:>9.2e} {:>7.1} {:>8.1} {:>7.1} {:>20} {:>20}  {}",
+            "{:<40} {:>14} {:>7.2} {:>9.2e} {:>9.2e} {:>7.1} {:>8.1} {:>7.1} {:>20} {:>20}  {}{}{}",
             spec.name(),
             sizes.join(", "),
             100.0 * median(&self.changes),
@@ -130,6 +137,8 @@ impl Row {
             self.right.text(),
             self.wrong.text(),
             verdicts.join(", "),
+            if wrong.is_empty() { "" } else { "; wrong: " },
+            wrong.join(", "),
         )
     }
 }

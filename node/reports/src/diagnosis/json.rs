@@ -3,7 +3,8 @@
 use super::words;
 use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::{
-    Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors, TestResult,
+    Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors, StructureRow,
+    TestResult,
 };
 use mr_damper_model::metrics::Fit;
 use serde::Serialize;
@@ -32,6 +33,8 @@ pub struct DiagnosisReport<'a> {
     confirm: Vec<RunErrorsRow<'a>>,
     candidates: Vec<CandidateRow>,
     blocks: usize,
+    /// The structures that were tried as base; empty if the base was given.
+    structures: Vec<StructureJson<'a>>,
 }
 
 #[derive(Debug, Serialize)]
@@ -174,6 +177,20 @@ struct CandidateRow {
     removes: Option<f64>,
 }
 
+/// A structure: either its figures or `error`.
+#[derive(Debug, Serialize)]
+struct StructureJson<'a> {
+    structure: &'static str,
+    /// RMSE on the validation runs, N.
+    alone_rsse_n: Option<f64>,
+    rsse_n: Option<f64>,
+    effects: &'a [&'static str],
+    verdict: Option<&'static str>,
+    fits_as_well: bool,
+    chosen: bool,
+    error: Option<String>,
+}
+
 impl<'a> DiagnosisReport<'a> {
     /// Everything that `result` found.
     #[must_use]
@@ -204,12 +221,27 @@ impl<'a> DiagnosisReport<'a> {
             confirm: result.confirm.iter().map(run_errors).collect(),
             candidates: result.candidates.iter().map(candidate).collect(),
             blocks: result.blocks,
+            structures: result.structures.iter().map(structure).collect(),
         }
     }
 }
 
 fn name(effect: mr_damper_model::effect::Effect) -> EffectName {
     EffectName { id: effect.id(), form: effect.form() }
+}
+
+fn structure(row: &StructureRow) -> StructureJson<'_> {
+    let fit = row.outcome.as_ref().ok();
+    StructureJson {
+        structure: row.structure,
+        alone_rsse_n: fit.map(|fit| fit.alone_rsse_n),
+        rsse_n: fit.map(|fit| fit.rsse_n),
+        effects: fit.map_or(&[], |fit| &fit.effects),
+        verdict: fit.map(|fit| fit.verdict.name()),
+        fits_as_well: fit.is_some_and(|fit| fit.fits_as_well),
+        chosen: fit.is_some_and(|fit| fit.chosen),
+        error: row.outcome.as_ref().err().map(ToString::to_string),
+    }
 }
 
 fn effect(named: &NamedEffect) -> EffectRow<'_> {

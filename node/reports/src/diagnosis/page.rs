@@ -36,6 +36,7 @@ pub fn html(outcome: &DiagnosisOutcome<'_>) -> String {
     let body = html! {
         (summary(result))
         (section("What was found", &found(result, outcome.drive)))
+        @if !result.structures.is_empty() { (section("Structures of the base", &structures(result))) }
         (section("Error before and after", &errors(result)))
         (section("What each effect explains", &rounds(result)))
         (section("Refused, and not testable", &reasons(result)))
@@ -117,6 +118,16 @@ fn sentence(named: &NamedEffect) -> Markup {
             " These runs cannot tell it from " (others) ". Excitation that would:"
             ul { @for (id, excitation) in settles { li { (id) ": " (excitation) } } }
         }
+    }
+}
+
+fn structures(result: &DiagnosisResult) -> Markup {
+    let columns = ["structure", "result"];
+    let rows: Vec<Vec<String>> =
+        result.structures.iter().map(|row| vec![row.structure.to_owned(), words::structure(row)]).collect();
+    html! {
+        p { (words::STRUCTURES) "." }
+        (table(&columns, &rows))
     }
 }
 

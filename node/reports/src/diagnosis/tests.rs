@@ -7,7 +7,7 @@ use mr_damper_model::Error;
 use mr_damper_model::diagnose::{
     BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult, FloorSource,
     FoundParameter, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect, RemainingError, RunErrors,
-    TestResult, Verdict,
+    StructureFit, StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
@@ -105,6 +105,7 @@ pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisRe
             removed: Some(0.99),
             runs: test_runs.iter().map(|run| run_errors(run, 31.0, 5.2)).collect(),
         }),
+        structures: structures(),
         remaining: RemainingError {
             lof: 0.07,
             lof_before: 0.974,
@@ -117,6 +118,25 @@ pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisRe
         before,
         after,
     }
+}
+
+/// One structure of each outcome: it fits worse, it is chosen, it fits about as well, and it cannot be used.
+fn structures() -> Vec<StructureRow> {
+    let fit = |alone_rsse_n, rsse_n, effects: &[&'static str], fits_as_well, chosen| StructureFit {
+        alone_rsse_n,
+        rsse_n,
+        effects: effects.to_vec(),
+        verdict: Verdict::Explained,
+        fits_as_well,
+        chosen,
+    };
+    let fits = [
+        ("fuzzy-tanh", Ok(fit(44.0, 21.0, &["deadzone"], false, false))),
+        ("bouc-wen", Ok(fit(30.1, 9.4, &["coil_lag", "friction"], true, true))),
+        ("kwok", Ok(fit(31.2, 31.2, &[], true, false))),
+        ("sp", Err(DiagnosisError::BaseDiverges.into())),
+    ];
+    fits.into_iter().map(|(structure, outcome)| StructureRow { structure, outcome }).collect()
 }
 
 fn base() -> Model {
@@ -163,10 +183,13 @@ fn every_verdict_has_its_own_text() {
     let words = |found: &DiagnosisResult| text(found, None).split_whitespace().collect::<Vec<_>>().join(" ");
     let say = |verdict| words(&without_names(verdict));
     assert!(say(NothingToExplain).starts_with("Nothing to explain: "));
+    assert!(say(Unexplained).contains("no effect of the library accounts for it"));
     assert!(
-        say(Unexplained).contains("no effect of the library accounts for it")
-            && say(Unexplained).contains("effect of your own")
+        say(Unexplained).contains("give its range with --range"),
+        "a refused effect is at the end of its range"
     );
+    let within = DiagnosisResult { refused: Vec::new(), ..without_names(Unexplained) };
+    assert!(words(&within).contains("effect of your own"));
     let short = DiagnosisResult { blocks: 6, ..without_names(Unexplained) };
     assert!(words(&short).contains("fewer than 10 blocks"));
     assert!(say(BaseInadequate).contains("--reference"));

@@ -14,6 +14,7 @@ const WIDTH: usize = 110;
 #[must_use]
 pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     let mut text = short(result, drive);
+    structures(&mut text, result);
     errors(&mut text, result);
     reasons(&mut text, "Refused", words::refused(result).into_iter().map(|r| (r.effect, &r.why)));
     reasons(&mut text, "Not testable with these runs", result.untestable.iter().map(|r| (r.effect, &r.why)));
@@ -82,6 +83,14 @@ fn effect(text: &mut String, named: &NamedEffect, drive: Option<DriveKind>) {
         for (id, excitation) in settles {
             paragraph(text, 6, &format!("{id}: {excitation}"));
         }
+    }
+}
+
+fn structures(text: &mut String, result: &DiagnosisResult) {
+    let Some(width) = result.structures.iter().map(|row| row.structure.len()).max() else { return };
+    let _ = writeln!(text, "\n{}", words::STRUCTURES);
+    for row in &result.structures {
+        paragraph(text, 2, &format!("{:<width$}  {}", row.structure, words::structure(row)));
     }
 }
 

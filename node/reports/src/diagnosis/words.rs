@@ -1,8 +1,8 @@
 //! Sentences about a diagnosis, shared by terminal and report.
 
 use mr_damper_model::diagnose::{
-    DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, RefusedEffect, Stage,
-    TestResult, Verdict,
+    DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal, RefusedEffect, Stage,
+    StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::{Effect, EffectModel, Parameter};
 use mr_damper_model::sample::DriveKind;
@@ -12,6 +12,7 @@ use mr_damper_model::units::N_PER_LBF;
 #[must_use]
 pub fn stage_in_words(stage: Stage) -> String {
     match stage {
+        Stage::Structure(name) => format!("{name}: identifying this structure"),
         Stage::Base => "refitting the base".to_owned(),
         Stage::Scores(round) => format!("effect {round}: scores of the library"),
         Stage::Refits(round) => format!("effect {round}: refitting the best candidates"),
@@ -79,6 +80,27 @@ pub fn chance(p: f64) -> String {
 #[must_use]
 pub fn force(newtons: f64) -> String {
     format!("{newtons:.2} N ({:.2} lbf)", newtons / N_PER_LBF)
+}
+
+/// Heading of the list of structures.
+pub(crate) const STRUCTURES: &str = "Structures of the base, by RMSE on the validation runs";
+
+/// How a structure of the base fits.
+pub(crate) fn structure(row: &StructureRow) -> String {
+    let fit = match &row.outcome {
+        Ok(fit) => fit,
+        Err(error) => return format!("not usable: {error}"),
+    };
+    let effects = match fit.effects.as_slice() {
+        [] => "no effect found".to_owned(),
+        effects => format!("with {} {}", effects.join(", "), force(fit.rsse_n)),
+    };
+    let place = match (fit.chosen, fit.fits_as_well) {
+        (true, _) => "; chosen",
+        (false, true) => "; fits about as well as the best",
+        (false, false) => "",
+    };
+    format!("alone {}; {effects}{place}", force(fit.alone_rsse_n))
 }
 
 /// Readable name and unit of the parameter that model files call `name`; for a parameter that no effect has (from a newer node), the
@@ -199,6 +221,10 @@ pub fn next_step(result: &DiagnosisResult) -> Option<&'static str> {
             "The training runs are too short: with fewer than 10 blocks hardly any effect can be distinguished from chance. \
              Give longer runs with --estimate; 30 s of motion is a good start.",
         ),
+        (Verdict::Unexplained, _) if result.refused.iter().any(at_end_of_range) => Some(
+            "An effect was refused because its value would be outside of the physical range of an MR damper; it is listed below. \
+             If this machine can have such a value, give its range with --range.",
+        ),
         (Verdict::Unexplained | Verdict::PartlyExplained, _) => Some(
             "The remaining error and the signals that correlate with it are listed below. To try an effect of your own, \
              add a file: see model/src/effect/mod.rs.",
@@ -212,6 +238,10 @@ pub fn next_step(result: &DiagnosisResult) -> Option<&'static str> {
         }
         (Verdict::NothingToExplain | Verdict::Explained, _) => None,
     }
+}
+
+fn at_end_of_range(refused: &RefusedEffect) -> bool {
+    matches!(refused.why, Refusal::AtEndOfRange { .. })
 }
 
 /// The result on the test runs, in a sentence. A test run (`--test`) is read once, at the end.

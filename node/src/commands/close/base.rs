@@ -7,6 +7,8 @@ use crate::commands::context::CliContext;
 use crate::commands::progress::Working;
 use crate::estimation::models;
 use crate::settings::error::NodeError;
+use mr_damper_model::condition::Conditioning;
+use mr_damper_model::diagnose::{self, DiagnosisResult};
 use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch, identify};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{Role, TrainingRun};
@@ -22,7 +24,20 @@ pub(super) enum Base {
     Model(Box<Identified>),
     /// A model that is first identified on the training or reference runs.
     Name(ModelSpec),
+    /// The structure is chosen among several, which are identified on the training runs.
+    Auto(Vec<ModelSpec>),
 }
+
+/// A base that can be diagnosed.
+pub(super) enum Prepared {
+    /// A model.
+    Model(Box<Identified>),
+    /// Structures, with the settings of their identification.
+    Structures(Vec<ModelSpec>, Box<Options>),
+}
+
+/// Value of `--base` that leaves the structure to the runs.
+pub(super) const AUTO: &str = "auto";
 
 /// A base model that is ready to use.
 pub(super) struct Identified {
@@ -42,9 +57,19 @@ impl Base {
     /// # Errors
     /// When the file, preset or model does not exist, or a flag is given that does not apply to an existing model.
     pub(super) fn of(args: &RecordedArgs) -> Result<Self, NodeError> {
+        let form = if args.passive { Form::Passive } else { Form::SemiActive };
+        if args.base == AUTO {
+            if args.reference.is_empty() {
+                return Ok(Self::Auto(diagnose::default_structures(!args.passive)?));
+            }
+            return Err(NodeError::Usage(
+                "--base auto, the default, cannot be combined with --reference: only the changes since the reference runs are \
+                 diagnosed, and their force takes the place of a base. Give the model in use with --base"
+                    .to_owned(),
+            ));
+        }
         let names: Vec<&str> = Structure::all().into_iter().map(Structure::name).collect();
         if names.contains(&args.base.as_str()) {
-            let form = if args.passive { Form::Passive } else { Form::SemiActive };
             return Ok(Self::Name(ModelSpec::named(&args.base, form)?));
         }
         let path = Path::new(&args.base);
@@ -76,7 +101,7 @@ impl Base {
     pub(super) fn drive(&self) -> Option<DriveKind> {
         match self {
             Self::Model(base) => base.model.force.drive(),
-            Self::Name(_) => None,
+            Self::Name(_) | Self::Auto(_) => None,
         }
     }
 
@@ -85,6 +110,7 @@ impl Base {
         match self {
             Self::Model(base) => base.model.force.drive().is_some(),
             Self::Name(spec) => spec.needs_drive(),
+            Self::Auto(structures) => structures.iter().any(|spec| spec.needs_drive()),
         }
     }
 
@@ -116,19 +142,22 @@ impl Base {
         }
     }
 
-    /// The base model. A named model is identified here, on the reference runs if there are any, else on the training runs.
+    /// The base, ready to be diagnosed. A named model is identified here, on the reference runs if there are any, else on the training
+    /// runs.
     ///
     /// # Errors
     /// When the model cannot be identified from these runs; [`NodeError::Interrupted`].
-    pub(super) fn identified(
+    pub(super) fn prepared(
         self,
         given: &[Given],
         args: &RecordedArgs,
         context: &CliContext,
         working: &Working,
-    ) -> Result<Identified, NodeError> {
+    ) -> Result<Prepared, NodeError> {
+        let options = options(args)?;
         let spec = match self {
-            Self::Model(base) => return Ok(*base),
+            Self::Model(base) => return Ok(Prepared::Model(base)),
+            Self::Auto(structures) => return Ok(Prepared::Structures(structures, Box::new(options))),
             Self::Name(spec) => spec,
         };
         // Reference runs show how the healthy damper behaves.
@@ -138,16 +167,6 @@ impl Base {
         };
         let runs: Vec<Run> =
             given.iter().filter(|given| given.role == role).map(|given| given.run.clone()).collect();
-        let options = Options {
-            conditioning: args.conditioning.conditioning(FilterArg::Output, VelocityArg::ThreePoint)?,
-            // A delayed derivative could absorb a lag of the damper.
-            choose_velocity: false,
-            dataset: args.conditioning.dataset(),
-            most_rows: Some(MOST_ROWS),
-            restarts: args.restarts.unwrap_or(Options::default().restarts),
-            seed: args.seed,
-            ..Options::default()
-        };
         working.stage("identifying the base");
         let progress = |progress| working.progress(progress);
         let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
@@ -155,13 +174,50 @@ impl Base {
         for warning in &found.warnings {
             tracing::warn!("the base: {warning}");
         }
-        Ok(Identified {
+        Ok(Prepared::Model(Box::new(Identified {
             model: found.model,
             source: format!("{}, identified on the {whose} runs", args.base),
             runs: Vec::new(),
             restarts: u32::try_from(found.restart_rsse_n.len()).unwrap_or(u32::MAX),
-        })
+        })))
     }
+}
+
+impl Prepared {
+    /// How runs become rows.
+    pub(super) fn conditioning(&self) -> &Conditioning {
+        match self {
+            Self::Model(base) => &base.model.conditioning,
+            Self::Structures(_, options) => &options.conditioning,
+        }
+    }
+
+    /// The base that `result` is about.
+    pub(super) fn of_result(self, result: &DiagnosisResult) -> Identified {
+        match self {
+            Self::Model(base) => *base,
+            Self::Structures(structures, options) => Identified {
+                model: result.before,
+                source: format!("chosen among {} structures on the validation runs", structures.len()),
+                runs: Vec::new(),
+                restarts: options.restarts,
+            },
+        }
+    }
+}
+
+/// Settings of the identification of a base.
+fn options(args: &RecordedArgs) -> Result<Options, NodeError> {
+    Ok(Options {
+        conditioning: args.conditioning.conditioning(FilterArg::Output, VelocityArg::ThreePoint)?,
+        // A delayed derivative could absorb a lag of the damper.
+        choose_velocity: false,
+        dataset: args.conditioning.dataset(),
+        most_rows: Some(MOST_ROWS),
+        restarts: args.restarts.unwrap_or(Options::default().restarts),
+        seed: args.seed,
+        ..Options::default()
+    })
 }
 
 /// The first given flag that applies only to a base that is identified here.

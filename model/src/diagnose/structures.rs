@@ -1,0 +1,310 @@
+//! A diagnosis that also chooses the structure of the base model.
+//!
+//! A base of the wrong structure leads to a wrong name: what its structure cannot follow looks like an effect. So several structures
+//! are identified on the training runs and diagnosed, and the validation runs compare them with the effects that each of them found:
+//!
+//! ```text
+//! best structure       the least squared error on the validation runs
+//! fits about as well   the interval of (error of the best / error of this one) reaches one, or the ratio is above 0.9
+//! chosen               the simplest structure that fits about as well as the best
+//! named                an effect of the chosen structure that every structure that fits about as well names too, with the same
+//!                      parameters within their intervals
+//! ```
+//!
+//! An effect that only some of them need may be a part of the damper's own behaviour that the others already contain. It is refused
+//! with that reason, and the chosen structure is diagnosed again with the effects that hold.
+
+use super::finding::{
+    DiagnosisResult, FoundParameter, NamedEffect, RefusedEffect, StructureFit, StructureRow,
+};
+use super::joint::Fitted;
+use super::procedure::Procedure;
+use super::refusal::Refusal;
+use super::rows::Rows;
+use super::{Runs, Settings, Stage, check, test_runs};
+use crate::error::{DiagnosisError, Error};
+use crate::force::{ForceLaw, Form};
+use crate::identify::{ModelSpec, Options, Structure, Watch, identify_datasets};
+use crate::model::Model;
+
+/// A structure fits worse than the best one if the ratio of their squared errors is below this and its interval is below one.
+const ABOUT_AS_WELL: f64 = 0.9;
+/// The same where the validation runs are too short for an interval.
+const ABOUT_AS_WELL_UNPROVED: f64 = 0.8;
+/// Parameters of an effect under two structures are the same if they differ by less than this share, or if their intervals overlap.
+const SAME_PARAMETER: f64 = 0.25;
+/// Restarts for a force law, whose parameters are polynomials of the drive; each costs several times one of fuzzy-tanh. With 4, the fit of
+/// the Bouc-Wen law ends at a local minimum in 2 of 4 cases.
+const LAW_RESTARTS: u32 = 12;
+/// Degrees of these polynomials, of which the validation runs choose one. Degree 4 follows a valve that saturates more closely, but a fit
+/// may diverge beyond its training runs.
+const LAW_DEGREES: [usize; 2] = [4, 3];
+
+/// The structures that [`close_any`] tries by default, from simple to flexible: a static curve, and the Bouc-Wen law, which has
+/// memory. With a drive, the curve is fuzzy-tanh; without one, it is the S-P law.
+///
+/// ```
+/// use mr_damper_model::diagnose::default_structures;
+///
+/// let names = |with_drive| -> Result<Vec<_>, mr_damper_model::Error> {
+///     Ok(default_structures(with_drive)?.iter().map(|spec| spec.structure().name()).collect())
+/// };
+/// assert_eq!(names(true)?, ["fuzzy-tanh", "bouc-wen"]);
+/// assert_eq!(names(false)?, ["sp", "bouc-wen"]);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
+/// # Errors
+/// None for the structures listed here.
+pub fn default_structures(with_drive: bool) -> Result<Vec<ModelSpec>, Error> {
+    let form = if with_drive { Form::SemiActive } else { Form::Passive };
+    let curve = if with_drive { Structure::FuzzyTanh } else { Structure::Law(ForceLaw::Sp) };
+    [curve, Structure::Law(ForceLaw::BoucWen)].into_iter().map(|s| ModelSpec::new(s, form)).collect()
+}
+
+/// A structure that was identified and diagnosed.
+struct Diagnosed {
+    base: Model,
+    result: DiagnosisResult,
+    /// The model with its effects on the validation runs.
+    confirm: Fitted,
+}
+
+impl Diagnosed {
+    fn row(&self, chosen: bool, fits_as_well: bool) -> StructureFit {
+        let rsse_n = |model: &Model| model.expected.free_run_rsse_n.unwrap_or(f64::NAN);
+        StructureFit {
+            alone_rsse_n: rsse_n(&self.result.before),
+            rsse_n: rsse_n(&self.result.after),
+            effects: self.result.effects.iter().map(|named| named.effect.effect().id()).collect(),
+            verdict: self.result.verdict,
+            fits_as_well,
+            chosen,
+        }
+    }
+}
+
+/// Chooses the base among `structures`, which are identified on the training runs with `options`, and diagnoses it; see the module.
+/// The order of `structures` decides between those that fit equally well.
+///
+/// [`DiagnosisResult::structures`] lists all of them. `stage` is called at the start of each stage.
+///
+/// ```no_run
+/// use mr_damper_model::diagnose::{Runs, Settings, close_any, default_structures};
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, Options, Watch};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let options = Options::default();
+/// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(30.0);
+/// let run = |seed| {
+///     let run = record(&experiment, &Plant::default(), &Channels::default(), seed);
+///     Dataset::from_run(&run, &options.conditioning, &DatasetOptions::default())
+/// };
+/// let (estimate, confirm) = ([run(1)?], [run(2)?]);
+/// let runs = Runs { estimate: &estimate, confirm: &confirm, ..Runs::default() };
+/// let found = close_any(&default_structures(true)?, &options, &runs, &Settings::default(), &Watch::none(), &|_| {})?;
+/// let chosen = found.structures.iter().find(|row| row.outcome.as_ref().is_ok_and(|fit| fit.chosen));
+/// assert_eq!(chosen.map(|row| row.structure), Some("bouc-wen"), "the rig's valve has memory");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
+/// # Errors
+/// As [`super::close`]; [`DiagnosisError::BaseNeeded`] if `structures` is empty or with reference runs; the error of the first structure if none of
+/// them can be identified and simulated.
+pub fn close_any(
+    structures: &[ModelSpec],
+    options: &Options,
+    runs: &Runs,
+    settings: &Settings,
+    watch: &Watch,
+    stage: &dyn Fn(Stage),
+) -> Result<DiagnosisResult, Error> {
+    if structures.is_empty() || !runs.reference.is_empty() {
+        return Err(DiagnosisError::BaseNeeded.into());
+    }
+    let confirm = Rows::new(runs.confirm, settings.most_rows);
+    let mut tried: Vec<(&'static str, Result<Diagnosed, Error>)> = Vec::new();
+    for spec in structures {
+        let name = spec.structure().name();
+        stage(Stage::Structure(name));
+        let one = diagnosed(*spec, options, runs, settings, &confirm, watch, stage);
+        if matches!(one, Err(Error::Cancelled)) {
+            return Err(Error::Cancelled);
+        }
+        tried.push((name, one));
+    }
+    let Some(best) = best(&tried) else {
+        let first = tried.into_iter().find_map(|(_, one)| one.err());
+        return Err(first.unwrap_or_else(|| DiagnosisError::BaseDiverges.into()));
+    };
+    let as_well: Vec<bool> = tried
+        .iter()
+        .map(|(_, one)| one.as_ref().is_ok_and(|one| fits_as_well(one, best, &confirm, settings)))
+        .collect();
+    let chosen = as_well.iter().position(|fits| *fits).unwrap_or_default();
+    let others = tried.iter().zip(&as_well).enumerate();
+    let others = others.filter_map(|(at, ((name, one), fits))| {
+        (at != chosen && *fits).then_some((*name, one.as_ref().ok()?))
+    });
+    let others: Vec<(&'static str, &Diagnosed)> = others.collect();
+    let rows = tried.iter().zip(&as_well).enumerate().map(|(at, ((structure, one), fits))| StructureRow {
+        structure,
+        outcome: one.as_ref().map(|one| one.row(at == chosen, *fits)).map_err(Clone::clone),
+    });
+    let rows: Vec<StructureRow> = rows.collect();
+    let (_, Ok(first)) = &tried[chosen] else { return Err(DiagnosisError::BaseDiverges.into()) };
+    let mut result = holding(first, &others, runs, settings, watch, stage)?;
+    result.structures = rows;
+    Ok(result)
+}
+
+/// Identifies a structure on the training runs and diagnoses it.
+fn diagnosed(
+    spec: ModelSpec,
+    options: &Options,
+    runs: &Runs,
+    settings: &Settings,
+    confirm: &Rows,
+    watch: &Watch,
+    stage: &dyn Fn(Stage),
+) -> Result<Diagnosed, Error> {
+    let base = match spec.structure() {
+        Structure::Law(_) => identified_law(spec, options, runs, confirm, watch)?,
+        _ => identify_datasets(spec, runs.estimate, options, watch)?.model,
+    };
+    let result = diagnose(&base, runs, settings, watch, stage)?;
+    let confirm = test_runs::fitted(confirm, &result.after.augmented())?;
+    Ok(Diagnosed { base, result, confirm })
+}
+
+/// A force law with the degree that has the least squared error on the validation runs.
+fn identified_law(
+    spec: ModelSpec,
+    options: &Options,
+    runs: &Runs,
+    confirm: &Rows,
+    watch: &Watch,
+) -> Result<Model, Error> {
+    let identified = |degree| -> Result<(f64, Model), Error> {
+        let restarts = options.restarts.min(LAW_RESTARTS);
+        let options = Options { restarts, degree, ..options.clone() };
+        let model = identify_datasets(spec, runs.estimate, &options, watch)?.model;
+        // A model that diverges on the validation runs may still be the only one.
+        let squares = test_runs::fitted(confirm, &model.augmented()).map_or(f64::INFINITY, |fit| fit.squares);
+        Ok((squares, model))
+    };
+    let [first, second] = LAW_DEGREES.map(identified);
+    match (first, second) {
+        (Ok(first), Ok(second)) => Ok(if second.0 < first.0 { second.1 } else { first.1 }),
+        (Err(Error::Cancelled), _) | (_, Err(Error::Cancelled)) => Err(Error::Cancelled),
+        (Ok((_, model)), Err(_)) | (Err(_), Ok((_, model))) => Ok(model),
+        (Err(error), Err(_)) => Err(error),
+    }
+}
+
+/// The diagnosis of one base, without its check against an alternative structure: this module compares the structures.
+fn diagnose(
+    base: &Model,
+    runs: &Runs,
+    settings: &Settings,
+    watch: &Watch,
+    stage: &dyn Fn(Stage),
+) -> Result<DiagnosisResult, Error> {
+    check::check(base, runs, settings)?;
+    Procedure::new(base, runs, settings, watch)?.with_structure_compared().run(stage)
+}
+
+/// The structure with the least squared error on the validation runs; `None` if there is none.
+fn best<'a>(tried: &'a [(&'static str, Result<Diagnosed, Error>)]) -> Option<&'a Diagnosed> {
+    let all = tried.iter().filter_map(|(_, one)| one.as_ref().ok());
+    all.min_by(|a, b| a.confirm.squares.total_cmp(&b.confirm.squares))
+}
+
+/// True if `one` fits the validation rows about as well as `best`.
+fn fits_as_well(one: &Diagnosed, best: &Diagnosed, confirm: &Rows, settings: &Settings) -> bool {
+    let Some(compared) = test_runs::read(confirm, &one.confirm, &best.confirm, 0.0, settings) else {
+        return false;
+    };
+    match compared.ratio_ci95 {
+        Ok([_, high]) => high >= 1.0 || compared.ratio > ABOUT_AS_WELL,
+        Err(_) => compared.ratio > ABOUT_AS_WELL_UNPROVED,
+    }
+}
+
+/// The result of `chosen` with only those effects that hold under `others`, too.
+fn holding(
+    chosen: &Diagnosed,
+    others: &[(&'static str, &Diagnosed)],
+    runs: &Runs,
+    settings: &Settings,
+    watch: &Watch,
+    stage: &dyn Fn(Stage),
+) -> Result<DiagnosisResult, Error> {
+    let objection = |named: &NamedEffect| others.iter().find_map(|other| objection(named, *other));
+    let dependent: Vec<RefusedEffect> = (chosen.result.effects.iter())
+        .filter_map(|named| Some(RefusedEffect { effect: named.effect.effect(), why: objection(named)? }))
+        .collect();
+    if dependent.is_empty() {
+        return Ok(chosen.result.clone());
+    }
+    let fewer = settings.effects.without(dependent.iter().map(|refused| refused.effect.id()));
+    let mut result = diagnose(&chosen.base, runs, &Settings { effects: fewer, ..*settings }, watch, stage)?;
+    let excluded = |refused: &RefusedEffect| refused.why == Refusal::Excluded;
+    result.untestable.retain(|refused| !(excluded(refused) && settings.effects.has(refused.effect)));
+    result.refused.extend(dependent);
+    Ok(result)
+}
+
+/// Why `named` does not hold under another structure; `None` if it does.
+fn objection(named: &NamedEffect, (structure, other): (&'static str, &Diagnosed)) -> Option<Refusal> {
+    let id = named.effect.effect().id();
+    let same = |theirs: &&NamedEffect| {
+        let their_id = theirs.effect.effect().id();
+        their_id == id || named.class.contains(&their_id) || theirs.class.contains(&id)
+    };
+    let Some(theirs) = other.result.effects.iter().find(same) else {
+        return Some(Refusal::DependsOnBase { structure });
+    };
+    let pairs = named.parameters.iter().filter_map(|own| {
+        theirs.parameters.iter().find(|their| their.name == own.name).map(|their| (own, their))
+    });
+    pairs.filter(|(own, their)| !agree(own, their)).map(|(own, their)| differs(structure, own, their)).next()
+}
+
+fn differs(structure: &'static str, own: &FoundParameter, their: &FoundParameter) -> Refusal {
+    Refusal::DiffersBetweenBases {
+        structure,
+        parameter: own.name,
+        value: own.value,
+        other_value: their.value,
+    }
+}
+
+/// True if two values of a parameter are the same within their intervals or within [`SAME_PARAMETER`].
+fn agree(own: &FoundParameter, their: &FoundParameter) -> bool {
+    let overlap = own.ci95[0] <= their.ci95[1] && their.ci95[0] <= own.ci95[1];
+    overlap || (own.value - their.value).abs() <= SAME_PARAMETER * own.value.abs().max(their.value.abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parameter(value: f64, half_width: f64) -> FoundParameter {
+        FoundParameter {
+            name: "tau_s",
+            value,
+            ci95: [value - half_width, value + half_width],
+            range: [0.0, 1.0],
+        }
+    }
+
+    #[test]
+    fn values_agree_if_their_intervals_overlap_or_they_are_close() {
+        let own = parameter(0.012, 0.001);
+        assert!(agree(&own, &parameter(0.0138, 0.001)), "intervals overlap");
+        assert!(agree(&own, &parameter(0.0145, 0.0001)), "21 % apart");
+        assert!(!agree(&own, &parameter(0.02, 0.001)), "67 % apart, and intervals apart");
+        assert!(!agree(&own, &parameter(-0.012, 0.001)), "another sign");
+    }
+}
