@@ -32,7 +32,7 @@ use super::prepare::Inverse;
 use super::shape::{HARDLY, Shape};
 use super::solve::Moment;
 use super::surrogate::{Surrogate, SurrogateFit};
-use crate::effect::{Augmented, AugmentedState};
+use crate::effect::{AugmentedState, Effects};
 use crate::error::Error;
 use crate::force::Inputs;
 use crate::model::Model;
@@ -157,11 +157,12 @@ impl InverseController {
     pub fn inherit(&mut self, old: &Self) {
         let max_a = self.limits.current_max_a;
         let Memory { last_a, target_a, fluid_a, safe_rate_a_s, .. } = old.memory;
-        let same_kinds = |model: fn(&Inverse) -> Option<&Augmented>| {
-            let effects = |of: &Option<Inverse>| of.as_ref().and_then(model).map(|model| *model.effects());
-            effects(&self.inverse).zip(effects(&old.inverse)).is_some_and(|(new, old)| new.same_kinds(&old))
+        let same_kinds = |effects: fn(&Inverse) -> Option<&Effects>| {
+            let (new, old) =
+                (self.inverse.as_ref().and_then(effects), old.inverse.as_ref().and_then(effects));
+            new.zip(old).is_some_and(|(new, old)| new.same_kinds(old))
         };
-        let same = same_kinds(|inverse| Some(&inverse.model));
+        let same = same_kinds(|inverse| Some(inverse.model.effects()));
         let state = if same { old.memory.state } else { old.memory.state.without_effects() };
         // The effects of the damper come first in both models, so the damper's state is valid for the reading.
         let same = same_kinds(|inverse| inverse.reading.as_ref());
@@ -362,7 +363,7 @@ impl Memory {
     ) -> Option<f64> {
         let Some(reading) = &on.inverse.reading else { return measured_n };
         let here = Inputs { drive: self.fluid_a, ..*on.inputs };
-        let reading_n = reading.free_run(&mut self.reading_state, &here);
+        let reading_n = reading.free_run(on.inverse.model.force(), &mut self.reading_state, &here);
         Some(measured_n? - (reading_n? - modelled_n?))
     }
 

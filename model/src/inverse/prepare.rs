@@ -32,8 +32,8 @@ impl Coil {
 pub(super) struct Inverse {
     /// The model of the damper's force, without the lag of its coil.
     pub(super) model: Augmented,
-    /// The same with the effects of the load cell: it gives the expected reading. `None` for a model without such effects.
-    pub(super) reading: Option<Augmented>,
+    /// Its effects together with those of the load cell, which give the expected reading. `None` for a model without the latter.
+    pub(super) reading: Option<Effects>,
     pub(super) coil: Option<Coil>,
     pub(super) preload: Preload,
     pub(super) shape: Shape,
@@ -46,7 +46,7 @@ impl Inverse {
     pub(super) fn new(model: &Model, limits: &Limits, method: Method) -> Result<Self, Error> {
         limits.validate()?;
         let reading = match model.effects.include_load_cell() {
-            true => Some(without_lag(model)?),
+            true => Some(*without_lag(model)?.effects()),
             false => None,
         };
         let model = &model.of_damper();

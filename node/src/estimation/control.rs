@@ -156,9 +156,9 @@ impl Control {
             Transition::Cleanup => None,
             Transition::Activate => {
                 let models = state.models.ok_or_else(|| NodeError::Failed("there is no model".to_owned()))?;
-                self.send([PipelineCommand::Begin(setup(&state.config, &models)?.1)])?
+                self.send(&[PipelineCommand::Begin(*setup(&state.config, &models)?.1)])?
             }
-            Transition::Deactivate | Transition::Shutdown => self.send([PipelineCommand::End])?,
+            Transition::Deactivate | Transition::Shutdown => self.send(&[PipelineCommand::End])?,
         };
         if let Some((place, counters)) = place {
             await_executed(place, &counters, "carried out the transition")?;
@@ -191,7 +191,7 @@ impl Control {
         if lifecycle != LifecycleState::Active {
             return Err(RequestError::NothingToReset { state: lifecycle.name() }.into());
         }
-        self.send([PipelineCommand::Reset]).map(|_| tracing::info!("reset"))
+        self.send(&[PipelineCommand::Reset]).map(|_| tracing::info!("reset"))
     }
 
     /// Takes the time `stamp` from `/clock`. If it went back, the history is cleared, because it belongs to another
@@ -250,7 +250,7 @@ impl Control {
         let (settings, setup) = setup(&config, &models)?;
         let controller = *setup.controller();
         let place = if state.lifecycle == LifecycleState::Active {
-            self.send([PipelineCommand::Take(setup)])?
+            self.send(&[PipelineCommand::Take(*setup)])?
         } else {
             None
         };
@@ -283,10 +283,7 @@ impl Control {
     }
 
     /// Puts all commands into the ring, or none, and returns the position of the last one; `None` before the thread has started.
-    fn send<const N: usize>(
-        &self,
-        commands: [PipelineCommand; N],
-    ) -> Result<Option<(u64, Arc<EstimatorCounters>)>, NodeError> {
+    fn send(&self, commands: &[PipelineCommand]) -> Result<Option<(u64, Arc<EstimatorCounters>)>, NodeError> {
         let mut estimator = lock(&self.estimator);
         let Some(estimator) = estimator.as_mut() else { return Ok(None) };
         match estimator.command(commands) {
@@ -331,12 +328,12 @@ impl Control {
                 Self::say_commands(&models.free, &settings, setup.controller());
             }
             if state.lifecycle == LifecycleState::Active {
-                let take = PipelineCommand::Take(setup);
+                let take = PipelineCommand::Take(*setup);
                 if another_time {
-                    self.send([take, PipelineCommand::Reset])?;
+                    self.send(&[take, PipelineCommand::Reset])?;
                     tracing::info!("the clock is switched: all history is cleared");
                 } else {
-                    self.send([take])?;
+                    self.send(&[take])?;
                 }
             }
         }
@@ -363,10 +360,11 @@ fn may_change(parameter: &Parameter, lifecycle: LifecycleState) -> Result<(), Re
     }
 }
 
-/// The settings and the setup for `config` and `models`.
-fn setup(config: &Config, models: &Models) -> Result<(Settings, PipelineSetup), NodeError> {
+/// The settings and the setup for `config` and `models`. The setup is boxed, because it is large: an unoptimised program keeps a copy on the
+/// stack for each move.
+fn setup(config: &Config, models: &Models) -> Result<(Settings, Box<PipelineSetup>), NodeError> {
     let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-    Ok((settings, PipelineSetup::new(*models, settings)?))
+    Ok((settings, Box::new(PipelineSetup::new(*models, settings)?)))
 }
 
 /// Waits until the estimating thread has executed the command at `place`. `what` completes "the estimating thread has not ...".

@@ -201,12 +201,12 @@ impl Estimator {
 
     /// Sends all commands, or none and returns `None` when too many are waiting. They are executed once
     /// [`EstimatorCounters::executed`] has reached the returned number.
-    pub fn command<const N: usize>(&mut self, commands: [PipelineCommand; N]) -> Option<u64> {
-        if self.commands.slots() < N {
+    pub fn command(&mut self, commands: &[PipelineCommand]) -> Option<u64> {
+        if self.commands.slots() < commands.len() {
             return None;
         }
         for command in commands {
-            self.sent += u64::from(self.commands.push(command).is_ok());
+            self.sent += u64::from(self.commands.push(command.clone()).is_ok());
         }
         self.worker.thread().unpark();
         Some(self.sent)
@@ -375,8 +375,8 @@ mod tests {
             let (mut estimator, _sink) = start();
             let counters = estimator.counters();
             let many = std::array::from_fn::<_, { COMMANDS + 1 }, _>(|_| PipelineCommand::Reset);
-            assert_eq!(estimator.command(many), None);
-            assert_eq!(estimator.command([PipelineCommand::End, PipelineCommand::Reset]), Some(2));
+            assert_eq!(estimator.command(&many), None);
+            assert_eq!(estimator.command(&[PipelineCommand::End, PipelineCommand::Reset]), Some(2));
             estimator.stop().expect("no panic");
             assert_eq!(counters.executed.load(Ordering::Acquire), 2);
         };

@@ -148,13 +148,18 @@ pub fn succeeding(next: Models, running: &Models) -> Result<Models, NodeError> {
 /// When a model cannot be written as a model file.
 pub(crate) fn hash(models: &Models) -> Result<String, NodeError> {
     let mut hasher = Sha256::new();
-    for model in [Some(models.free), models.seeded] {
-        let file = model.map(|model| ModelFile { model, provenance: Provenance::default() });
-        let text = file.map(|file| file.to_toml()).transpose()?.unwrap_or_default();
+    for model in [Some(&models.free), models.seeded.as_ref()] {
+        let text = model.map(text_of).transpose()?.unwrap_or_default();
         hasher.update((text.len() as u64).to_le_bytes());
         hasher.update(text);
     }
     Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// The text of the model's file, without provenance.
+fn text_of(model: &Model) -> Result<String, NodeError> {
+    let file = ModelFile { model: *model, provenance: Provenance::default() };
+    Ok(file.to_toml()?)
 }
 
 #[cfg(test)]
