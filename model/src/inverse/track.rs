@@ -139,6 +139,7 @@ pub struct Trajectory {
 ///     dt_s: (0..1024).map(|k| (k > 0).then_some(1.0 / 512.0)).collect(),
 ///     displacement_m: (0..1024).map(|k| 0.01 * phase(k).sin()).collect(),
 ///     force_n: (0..1024).map(|k| 5000.0 * speed_m_s * phase(k).cos()).collect(),
+///     case_temp_c: vec![25.0; 1024],
 /// };
 /// let figures = Figures::of(&on_model(&model, &controller, &trajectory)?);
 /// assert!(figures.error_achievable < 0.02, "{figures:?}");
