@@ -1,13 +1,31 @@
-//! Checks of settings and runs before any work.
+//! Checks of settings and runs before any work. Those that need no base also come before a base is identified.
 
-use super::{Runs, Settings};
+use super::rows::Rows;
+use super::{Runs, Settings, score};
 use crate::effect::MAX_EFFECTS;
 use crate::error::{DiagnosisError, Error};
 use crate::identify::{Dataset, check_runs};
 use crate::model::Model;
 
-/// Rejects settings out of range, and runs that cannot give a valid result.
+/// Rejects settings out of range, and runs that cannot give a valid result with `base`.
 pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<(), Error> {
+    check_without_base(runs, settings)?;
+    for (_, run) in with_roles(runs) {
+        check_runs(&base.augmented(), run)?;
+        if run.conditioning != base.conditioning {
+            return Err(DiagnosisError::OtherConditioning { run: run.name.clone() }.into());
+        }
+    }
+    Ok(())
+}
+
+/// The same for a base that is not identified yet; also rejects training runs that are too short.
+pub(super) fn check_before_base(runs: &Runs, settings: &Settings) -> Result<(), Error> {
+    check_without_base(runs, settings)?;
+    score::check_length(&Rows::new(runs.estimate, settings.most_rows), settings)
+}
+
+fn check_without_base(runs: &Runs, settings: &Settings) -> Result<(), Error> {
     Error::check("significance", settings.significance, "between 0 and 0.5", |s| s > 0.0 && s <= 0.5)?;
     Error::check("block_s", settings.training_block_s(), "between 0.1 and 60 s", |s| {
         (0.1..=60.0).contains(&s)
@@ -21,14 +39,7 @@ pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<()
     if runs.confirm.is_empty() {
         return Err(DiagnosisError::NoValidationRun.into());
     }
-    let by_role = [
-        ("estimate", runs.estimate),
-        ("confirm", runs.confirm),
-        ("test", runs.test),
-        ("reference", runs.reference),
-    ];
-    let all: Vec<(&str, &Dataset)> =
-        by_role.iter().flat_map(|(role, runs)| runs.iter().map(move |run| (*role, run))).collect();
+    let all: Vec<(&str, &Dataset)> = with_roles(runs).collect();
     for (index, (role, run)) in all.iter().enumerate() {
         if let Some((before, twin)) = all[..index].iter().find(|(_, other)| same_content(run, other)) {
             return Err(DiagnosisError::SameRun {
@@ -37,15 +48,22 @@ pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<()
             }
             .into());
         }
-        check_runs(&base.augmented(), run)?;
-        if run.conditioning != base.conditioning {
-            return Err(DiagnosisError::OtherConditioning { run: run.name.clone() }.into());
-        }
         if run.counted() == 0 {
             return Err(DiagnosisError::NothingMoves { role, run: run.name.clone() }.into());
         }
     }
     Ok(())
+}
+
+/// All runs, with the names of their roles.
+fn with_roles<'a>(runs: &Runs<'a>) -> impl Iterator<Item = (&'static str, &'a Dataset)> + use<'a> {
+    let by_role = [
+        ("estimate", runs.estimate),
+        ("confirm", runs.confirm),
+        ("test", runs.test),
+        ("reference", runs.reference),
+    ];
+    by_role.into_iter().flat_map(|(role, runs)| runs.iter().map(move |run| (role, run)))
 }
 
 /// True if the measured numbers are the same. The names and start times of the runs do not matter.

@@ -31,14 +31,10 @@ impl EffectSet {
     /// # Errors
     /// [`DiagnosisError::UnknownEffect`]; [`DiagnosisError::NoEffect`] if `ids` is empty.
     pub fn only<S: AsRef<str>>(ids: &[S]) -> Result<Self, Error> {
-        let known = Effect::ids();
-        let wrong = ids.iter().map(AsRef::as_ref).find(|id| !known.contains(id));
         if ids.is_empty() {
-            return Err(DiagnosisError::NoEffect { known }.into());
+            return Err(DiagnosisError::NoEffect { known: Effect::ids() }.into());
         }
-        if let Some(id) = wrong {
-            return Err(DiagnosisError::UnknownEffect { id: id.to_owned(), known }.into());
-        }
+        ids.iter().try_for_each(|id| check_id(id.as_ref()))?;
         Ok(Self { included: Effect::ALL.map(|effect| ids.iter().any(|id| id.as_ref() == effect.id())) })
     }
 
@@ -52,6 +48,15 @@ impl EffectSet {
     #[must_use]
     pub fn has(&self, effect: Effect) -> bool {
         Effect::ALL.iter().zip(self.included).any(|(known, included)| included && *known == effect)
+    }
+}
+
+/// Rejects an id that no effect of the library has.
+pub(super) fn check_id(id: &str) -> Result<(), Error> {
+    let known = Effect::ids();
+    match known.contains(&id) {
+        true => Ok(()),
+        false => Err(DiagnosisError::UnknownEffect { id: id.to_owned(), known }.into()),
     }
 }
 

@@ -192,6 +192,5 @@ pub fn close(
     watch: &Watch,
     stage: &dyn Fn(Stage),
 ) -> Result<DiagnosisResult, Error> {
-    check::check(base, runs, settings)?;
     procedure::Procedure::new(base, runs, settings, watch)?.run(stage)
 }

@@ -10,7 +10,7 @@ use super::refusal::{BaseFault, Refusal};
 use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round};
 use super::rows::Rows;
 use super::space::{with_effect, without_effect};
-use super::{Runs, Settings, Stage, alternative, correlation, floor, paired, score, test_runs};
+use super::{Runs, Settings, Stage, alternative, check, correlation, floor, paired, score, test_runs};
 use crate::effect::{Augmented, Effect, EffectModel};
 use crate::error::{DiagnosisError, Error};
 use crate::identify::{Dataset, Scales, Watch};
@@ -97,13 +97,14 @@ fn rows<'a>(
 }
 
 impl<'a> Procedure<'a> {
-    /// Prepares the rows and checks that the training runs are long enough.
+    /// Checks settings and runs, prepares the rows, and checks that the training runs are long enough.
     pub(super) fn new(
         base: &'a Model,
         runs: &'a Runs<'a>,
         settings: &'a Settings,
         watch: &'a Watch<'a>,
     ) -> Result<Self, Error> {
+        check::check(base, runs, settings)?;
         let mode = if runs.reference.is_empty() { DiagnosisMode::Absolute } else { DiagnosisMode::Paired };
         let (estimate, confirm) =
             (rows(base, runs, runs.estimate, settings)?, rows(base, runs, runs.confirm, settings)?);

@@ -3,6 +3,7 @@
 //! The library's ranges fit an MR damper of a few kilonewtons. A positioning axis moves a mass of a hundred kilograms, so its
 //! user gives a range for the mass.
 
+use super::effect_set::check_id;
 use crate::effect::{Effect, Parameter};
 use crate::error::{DiagnosisError, Error};
 
@@ -29,10 +30,7 @@ impl Ranges {
     /// [`DiagnosisError::UnknownEffect`]; [`DiagnosisError::Range`] if the ends are not finite and increasing, or if a model cannot have
     /// such values.
     pub fn with(mut self, id: &str, range: [f64; 2]) -> Result<Self, Error> {
-        let known = Effect::ids();
-        if !known.contains(&id) {
-            return Err(DiagnosisError::UnknownEffect { id: id.to_owned(), known }.into());
-        }
+        check_id(id)?;
         for (effect, own) in
             Effect::ALL.into_iter().zip(&mut self.own).filter(|(effect, _)| effect.id() == id)
         {

@@ -122,137 +122,121 @@ pub fn close_any(
     if structures.is_empty() || !runs.reference.is_empty() {
         return Err(DiagnosisError::BaseNeeded.into());
     }
+    check::check_before_base(runs, settings)?;
     let confirm = Rows::new(runs.confirm, settings.most_rows);
+    let choice = Choice { options, runs, settings, confirm, watch, stage };
     let mut tried: Vec<(&'static str, Result<Diagnosed, Error>)> = Vec::new();
     for spec in structures {
         let name = spec.structure().name();
         stage(Stage::Structure(name));
-        let one = diagnosed(*spec, options, runs, settings, &confirm, watch, stage);
+        let one = choice.diagnosed(*spec);
         if matches!(one, Err(Error::Cancelled)) {
             return Err(Error::Cancelled);
         }
         tried.push((name, one));
     }
-    let Some(best) = best(&tried) else {
+    let usable: Vec<(&'static str, &Diagnosed)> =
+        tried.iter().filter_map(|(name, one)| Some((*name, one.as_ref().ok()?))).collect();
+    let best = usable.iter().min_by(|(_, a), (_, b)| a.confirm.squares.total_cmp(&b.confirm.squares));
+    let Some((_, best)) = best else {
         let first = tried.into_iter().find_map(|(_, one)| one.err());
         return Err(first.unwrap_or_else(|| DiagnosisError::BaseDiverges.into()));
     };
-    let as_well: Vec<bool> = tried
-        .iter()
-        .map(|(_, one)| one.as_ref().is_ok_and(|one| fits_as_well(one, best, &confirm, settings)))
-        .collect();
-    let chosen = as_well.iter().position(|fits| *fits).unwrap_or_default();
-    let others = tried.iter().zip(&as_well).enumerate();
-    let others = others.filter_map(|(at, ((name, one), fits))| {
-        (at != chosen && *fits).then_some((*name, one.as_ref().ok()?))
-    });
-    let others: Vec<(&'static str, &Diagnosed)> = others.collect();
-    let rows = tried.iter().zip(&as_well).enumerate().map(|(at, ((structure, one), fits))| StructureRow {
+    let fitting: Vec<(&'static str, &Diagnosed)> =
+        usable.iter().filter(|(_, one)| choice.fits_as_well(one, best)).copied().collect();
+    let Some(((_, chosen), others)) = fitting.split_first() else {
+        return Err(DiagnosisError::BaseDiverges.into());
+    };
+    let row = |one: &Diagnosed| {
+        let fits_as_well = fitting.iter().any(|(_, fits)| std::ptr::eq(*fits, one));
+        one.row(std::ptr::eq(*chosen, one), fits_as_well)
+    };
+    let rows = tried.iter().map(|(structure, one)| StructureRow {
         structure,
-        outcome: one.as_ref().map(|one| one.row(at == chosen, *fits)).map_err(Clone::clone),
+        outcome: one.as_ref().map(row).map_err(Clone::clone),
     });
-    let rows: Vec<StructureRow> = rows.collect();
-    let (_, Ok(first)) = &tried[chosen] else { return Err(DiagnosisError::BaseDiverges.into()) };
-    let mut result = holding(first, &others, runs, settings, watch, stage)?;
-    result.structures = rows;
-    Ok(result)
+    Ok(DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, others)? })
 }
 
-/// Identifies a structure on the training runs and diagnoses it.
-fn diagnosed(
-    spec: ModelSpec,
-    options: &Options,
-    runs: &Runs,
-    settings: &Settings,
-    confirm: &Rows,
-    watch: &Watch,
-    stage: &dyn Fn(Stage),
-) -> Result<Diagnosed, Error> {
-    let base = match spec.structure() {
-        Structure::Law(_) => identified_law(spec, options, runs, confirm, watch)?,
-        _ => identify_datasets(spec, runs.estimate, options, watch)?.model,
-    };
-    let result = diagnose(&base, runs, settings, watch, stage)?;
-    let confirm = test_runs::fitted(confirm, &result.after.augmented())?;
-    Ok(Diagnosed { base, result, confirm })
+/// The choice among structures: what all of them are identified and diagnosed with.
+struct Choice<'a> {
+    options: &'a Options,
+    runs: &'a Runs<'a>,
+    settings: &'a Settings,
+    confirm: Rows<'a>,
+    watch: &'a Watch<'a>,
+    stage: &'a dyn Fn(Stage),
 }
 
-/// A force law with the degree that has the least squared error on the validation runs.
-fn identified_law(
-    spec: ModelSpec,
-    options: &Options,
-    runs: &Runs,
-    confirm: &Rows,
-    watch: &Watch,
-) -> Result<Model, Error> {
-    let identified = |degree| -> Result<(f64, Model), Error> {
-        let restarts = options.restarts.min(LAW_RESTARTS);
-        let options = Options { restarts, degree, ..options.clone() };
-        let model = identify_datasets(spec, runs.estimate, &options, watch)?.model;
-        // A model that diverges on the validation runs may still be the only one.
-        let squares = test_runs::fitted(confirm, &model.augmented()).map_or(f64::INFINITY, |fit| fit.squares);
-        Ok((squares, model))
-    };
-    let [first, second] = LAW_DEGREES.map(identified);
-    match (first, second) {
-        (Ok(first), Ok(second)) => Ok(if second.0 < first.0 { second.1 } else { first.1 }),
-        (Err(Error::Cancelled), _) | (_, Err(Error::Cancelled)) => Err(Error::Cancelled),
-        (Ok((_, model)), Err(_)) | (Err(_), Ok((_, model))) => Ok(model),
-        (Err(error), Err(_)) => Err(error),
+impl Choice<'_> {
+    /// Identifies a structure on the training runs and diagnoses it.
+    fn diagnosed(&self, spec: ModelSpec) -> Result<Diagnosed, Error> {
+        let base = match spec.structure() {
+            Structure::Law(_) => self.identified_law(spec)?,
+            _ => self.identified(spec, self.options)?,
+        };
+        let result = self.diagnose(&base, self.settings)?;
+        let confirm = test_runs::fitted(&self.confirm, &result.after.augmented())?;
+        Ok(Diagnosed { base, result, confirm })
     }
-}
 
-/// The diagnosis of one base, without its check against an alternative structure: this module compares the structures.
-fn diagnose(
-    base: &Model,
-    runs: &Runs,
-    settings: &Settings,
-    watch: &Watch,
-    stage: &dyn Fn(Stage),
-) -> Result<DiagnosisResult, Error> {
-    check::check(base, runs, settings)?;
-    Procedure::new(base, runs, settings, watch)?.with_structure_compared().run(stage)
-}
-
-/// The structure with the least squared error on the validation runs; `None` if there is none.
-fn best<'a>(tried: &'a [(&'static str, Result<Diagnosed, Error>)]) -> Option<&'a Diagnosed> {
-    let all = tried.iter().filter_map(|(_, one)| one.as_ref().ok());
-    all.min_by(|a, b| a.confirm.squares.total_cmp(&b.confirm.squares))
-}
-
-/// True if `one` fits the validation rows about as well as `best`.
-fn fits_as_well(one: &Diagnosed, best: &Diagnosed, confirm: &Rows, settings: &Settings) -> bool {
-    let Some(compared) = test_runs::read(confirm, &one.confirm, &best.confirm, 0.0, settings) else {
-        return false;
-    };
-    match compared.ratio_ci95 {
-        Ok([_, high]) => high >= 1.0 || compared.ratio > ABOUT_AS_WELL,
-        Err(_) => compared.ratio > ABOUT_AS_WELL_UNPROVED,
+    fn identified(&self, spec: ModelSpec, options: &Options) -> Result<Model, Error> {
+        Ok(identify_datasets(spec, self.runs.estimate, options, self.watch)?.model)
     }
-}
 
-/// The result of `chosen` with only those effects that hold under `others`, too.
-fn holding(
-    chosen: &Diagnosed,
-    others: &[(&'static str, &Diagnosed)],
-    runs: &Runs,
-    settings: &Settings,
-    watch: &Watch,
-    stage: &dyn Fn(Stage),
-) -> Result<DiagnosisResult, Error> {
-    let objection = |named: &NamedEffect| others.iter().find_map(|other| objection(named, *other));
-    let dependent: Vec<RefusedEffect> = (chosen.result.effects.iter())
-        .filter_map(|named| Some(RefusedEffect { effect: named.effect.effect(), why: objection(named)? }))
-        .collect();
-    if dependent.is_empty() {
-        return Ok(chosen.result.clone());
+    /// A force law with the degree that has the least squared error on the validation runs.
+    fn identified_law(&self, spec: ModelSpec) -> Result<Model, Error> {
+        let restarts = self.options.restarts.min(LAW_RESTARTS);
+        let identified = |degree| -> Result<(f64, Model), Error> {
+            let model = self.identified(spec, &Options { restarts, degree, ..self.options.clone() })?;
+            let fitted = test_runs::fitted(&self.confirm, &model.augmented());
+            // A model that diverges on the validation runs may still be the only one.
+            Ok((fitted.map_or(f64::INFINITY, |fit| fit.squares), model))
+        };
+        let [first, second] = LAW_DEGREES.map(identified);
+        match (first, second) {
+            (Ok(first), Ok(second)) => Ok(if second.0 < first.0 { second.1 } else { first.1 }),
+            (Err(Error::Cancelled), _) | (_, Err(Error::Cancelled)) => Err(Error::Cancelled),
+            (Ok((_, model)), Err(_)) | (Err(_), Ok((_, model))) => Ok(model),
+            (Err(error), Err(_)) => Err(error),
+        }
     }
-    let fewer = settings.effects.without(dependent.iter().map(|refused| refused.effect.id()));
-    let mut result = diagnose(&chosen.base, runs, &Settings { effects: fewer, ..*settings }, watch, stage)?;
-    let excluded = |refused: &RefusedEffect| refused.why == Refusal::Excluded;
-    result.untestable.retain(|refused| !(excluded(refused) && settings.effects.has(refused.effect)));
-    result.refused.extend(dependent);
-    Ok(result)
+
+    /// The diagnosis of one base, without its check against an alternative structure: the structures are compared here.
+    fn diagnose(&self, base: &Model, settings: &Settings) -> Result<DiagnosisResult, Error> {
+        let procedure = Procedure::new(base, self.runs, settings, self.watch)?;
+        procedure.with_structure_compared().run(self.stage)
+    }
+
+    /// True if `one` fits the validation rows about as well as `best`.
+    fn fits_as_well(&self, one: &Diagnosed, best: &Diagnosed) -> bool {
+        let compared = test_runs::read(&self.confirm, &one.confirm, &best.confirm, 0.0, self.settings);
+        compared.is_some_and(|compared| match compared.ratio_ci95 {
+            Ok([_, high]) => high >= 1.0 || compared.ratio > ABOUT_AS_WELL,
+            Err(_) => compared.ratio > ABOUT_AS_WELL_UNPROVED,
+        })
+    }
+
+    /// The result of `chosen` with only those effects that hold under `others`, too.
+    fn holding(
+        &self,
+        chosen: &Diagnosed,
+        others: &[(&'static str, &Diagnosed)],
+    ) -> Result<DiagnosisResult, Error> {
+        let objection = |named: &NamedEffect| others.iter().find_map(|other| objection(named, *other));
+        let dependent: Vec<RefusedEffect> = (chosen.result.effects.iter())
+            .filter_map(|named| Some(RefusedEffect { effect: named.effect.effect(), why: objection(named)? }))
+            .collect();
+        if dependent.is_empty() {
+            return Ok(chosen.result.clone());
+        }
+        let effects = self.settings.effects.without(dependent.iter().map(|refused| refused.effect.id()));
+        let mut result = self.diagnose(&chosen.base, &Settings { effects, ..*self.settings })?;
+        let excluded = |refused: &RefusedEffect| refused.why == Refusal::Excluded;
+        result.untestable.retain(|refused| !(excluded(refused) && self.settings.effects.has(refused.effect)));
+        result.refused.extend(dependent);
+        Ok(result)
+    }
 }
 
 /// Why `named` does not hold under another structure; `None` if it does.

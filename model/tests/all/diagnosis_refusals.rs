@@ -5,7 +5,7 @@ use crate::diagnosis::outcome::CONDITIONING;
 use mr_damper_model::Error;
 use mr_damper_model::diagnose::{
     DiagnosisError, DiagnosisResult, FloorSource, NoInterval, NoiseFloor, Refusal, Runs, Settings, Verdict,
-    close,
+    close, close_any,
 };
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
 use mr_damper_model::model::Model;
@@ -37,6 +37,22 @@ fn refused(result: Result<DiagnosisResult, Error>) -> DiagnosisError {
         Err(Error::Diagnosis(refused)) => refused,
         other => panic!("{other:?}"),
     }
+}
+
+/// The identification of a base takes a minute.
+#[test]
+fn runs_are_rejected_before_a_base_is_identified() {
+    let [estimate, confirm, _] = LAGGING.0.each_ref().map(rows);
+    let short = [rows(&LAGGING.0[0].between(Stamp::from_nanos(0), Stamp::from_nanos(9_000_000_000)))];
+    let (twin, confirm) = ([estimate.clone()], [confirm]);
+    let chosen = |estimate: &[Dataset], confirm: &[Dataset]| {
+        let (runs, watch) = (Runs { estimate, confirm, ..Runs::default() }, Watch::none());
+        let structures = [ModelSpec::FUZZY_TANH];
+        let begins = |stage| panic!("{stage:?} has begun");
+        close_any(&structures, &Options::default(), &runs, &Settings::default(), &watch, &begins)
+    };
+    assert!(matches!(refused(chosen(&twin, &twin)), DiagnosisError::SameRun { .. }));
+    assert!(matches!(refused(chosen(&short, &confirm)), DiagnosisError::TooShort { .. }));
 }
 
 #[test]

@@ -71,6 +71,14 @@ impl Instrumentation {
         }
     }
 
+    /// Restarts of the search for the base.
+    fn restarts(self) -> u32 {
+        match self {
+            Self::Displacement | Self::Velocity => RESTARTS,
+            Self::Auto => Options::default().restarts,
+        }
+    }
+
     /// Fuzzy sets of the base over the current, 0 to 2.5 A.
     fn placement(self) -> Placement {
         let sets: u8 = match self {
@@ -102,11 +110,7 @@ pub(crate) fn diagnose(case: &Case, instrumentation: Instrumentation) -> Result<
     let options = Options {
         conditioning,
         choose_velocity: false,
-        restarts: if instrumentation == Instrumentation::Auto {
-            Options::default().restarts
-        } else {
-            RESTARTS
-        },
+        restarts: instrumentation.restarts(),
         placement: instrumentation.placement(),
         ..Options::default()
     };
