@@ -32,7 +32,7 @@ impl Coil {
 pub(super) struct Inverse {
     /// The model of the damper's force, without the lag of its coil.
     pub(super) model: Augmented,
-    /// Its effects together with those of the load cell, which give the expected reading. `None` for a model without the latter.
+    /// Its effects and the effects of the load cell: with them it gives the expected reading. `None` if the load cell has no effects.
     pub(super) reading: Option<Effects>,
     pub(super) coil: Option<Coil>,
     pub(super) preload: Preload,

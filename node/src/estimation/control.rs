@@ -258,7 +258,7 @@ impl Control {
         let executed = place
             .map_or(Ok(()), |(place, counters)| await_executed(place, &counters, "swapped the model in"));
         // Also after a timeout, because the thread takes the model as soon as it continues. The names change before another
-        // model can be loaded, so they are always those of the last one.
+        // model can be loaded, so they always belong to the last one.
         self.runs_on(Some(&models), now.clone());
         drop(state);
         executed?;

@@ -87,10 +87,12 @@ fn effect(text: &mut String, named: &NamedEffect, drive: Option<DriveKind>) {
 }
 
 fn structures(text: &mut String, result: &DiagnosisResult) {
-    let Some(width) = result.structures.iter().map(|row| row.structure.len()).max() else { return };
+    if result.structures.is_empty() {
+        return;
+    }
     let _ = writeln!(text, "\n{}", words::STRUCTURES);
     for row in &result.structures {
-        paragraph(text, 2, &format!("{:<width$}  {}", row.structure, words::structure(row)));
+        paragraph(text, 2, &format!("{} {}", row.structure, words::structure(row)));
     }
 }
 
