@@ -206,7 +206,7 @@ pub const EFFECTS: &[Effect] = &[
         what: "compliance in series with the valve (default plant and minimum: 1.7e-7)",
         entry: Entry::Plant(|plant, size| {
             let stiffest = match plant.valve_form {
-                ValveForm::BoucWen => Plant::default().series_stiffness_n_m,
+                ValveForm::BoucWen | ValveForm::Bristle(_) => Plant::default().series_stiffness_n_m,
                 ValveForm::QuasiStatic(_) => f64::INFINITY,
             };
             plant.series_stiffness_n_m = stiffest.min(1.0 / size);

@@ -1,11 +1,11 @@
 //! Integration of the rig's damper over one sample.
 //!
-//! Dashpot, compliance and hysteresis of the Bouc-Wen valve are integrated by the classical Runge-Kutta method of fourth order, with
+//! Dashpot, compliance and hysteresis of the Bouc-Wen and the bristle valve are integrated by the classical Runge-Kutta method of fourth order, with
 //! sub-steps; the quasi-static valve has its own method ([`super::quasi_static`]). Displacement between samples is the cubic through the
 //! samples' displacements and velocities (Hermite). The first-order lags of the currents are linear, so each half sub-step multiplies
 //! by an exact exponential, which is stable for any lag, including zero. Temperature changes over minutes, so Euler's method is enough.
 
-use super::plant::{Instant, Plant, PlantState, ValveForm};
+use super::plant::{Instant, Plant, PlantState, Valve, ValveForm};
 use super::signal::RATE_HZ;
 
 /// Displacements (m) and velocities (m/s) at the ends of one sample interval.
@@ -82,7 +82,10 @@ impl<'a> Integrator<'a> {
         let h = self.step_s;
         let instants = [(x_start, &start), (x_middle, &middle), (x_end, &end)];
         match plant.valve_form {
-            ValveForm::BoucWen => self.bouc_wen(state, instants),
+            ValveForm::BoucWen => self.runge_kutta(state, instants, |valve, x, at| plant.rates(valve, x, at)),
+            ValveForm::Bristle(form) => {
+                self.runge_kutta(state, instants, |valve, x, at| plant.bristle_rates(&form, valve, x, at));
+            }
             ValveForm::QuasiStatic(form) => {
                 state.behind_compliance_m =
                     plant.quasi_static_step(&form, state.behind_compliance_m, h, instants);
@@ -91,15 +94,19 @@ impl<'a> Integrator<'a> {
         state.temperature_c = t + h * (heat - lost) / plant.heat_capacity_j_k;
     }
 
-    /// One sub-step of the Bouc-Wen valve.
-    fn bouc_wen(&self, state: &mut PlantState, [start, middle, end]: [Instant; 3]) {
-        let plant = self.plant;
+    /// One sub-step of a valve with the rates `rates` of dashpot, displacement behind the compliance and hysteresis.
+    fn runge_kutta(
+        &self,
+        state: &mut PlantState,
+        [start, middle, end]: [Instant; 3],
+        rates: impl Fn(&Valve, f64, [f64; 3]) -> [f64; 3],
+    ) {
         let now = [state.dashpot_m, state.behind_compliance_m, state.hysteresis_m];
         let h = self.step_s;
-        let a = plant.rates(start.1, start.0, now);
-        let b = plant.rates(middle.1, middle.0, moved(now, h / 2.0, a));
-        let c = plant.rates(middle.1, middle.0, moved(now, h / 2.0, b));
-        let d = plant.rates(end.1, end.0, moved(now, h, c));
+        let a = rates(start.1, start.0, now);
+        let b = rates(middle.1, middle.0, moved(now, h / 2.0, a));
+        let c = rates(middle.1, middle.0, moved(now, h / 2.0, b));
+        let d = rates(end.1, end.0, moved(now, h, c));
         let mean = std::array::from_fn(|n| (a[n] + 2.0 * (b[n] + c[n]) + d[n]) / 6.0);
         [state.dashpot_m, state.behind_compliance_m, state.hysteresis_m] = moved(now, h, mean);
     }

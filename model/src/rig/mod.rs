@@ -11,11 +11,13 @@
 //! conditioning or identification of this crate, and the plant is not one of the thesis' models. It is the modified Bouc-Wen damper of
 //! Spencer et al. with a compliance, a coil lag and a temperature, integrated as differential equations. Its parameters depend on the
 //! current by smooth functions, not by fuzzy sets. For tests that need a truth that a model can follow down to the noise, so that only
-//! the injected effect remains, the plant has a second, quasi-static valve ([`quasi_static`]); it is as smooth in the current.
+//! the injected effect remains, the plant has a second, quasi-static valve ([`quasi_static`]); it is as smooth in the current. A third valve
+//! with bristles ([`bristle`]), and the second with a fluid that shear thins, are dampers that no model fits exactly.
 //!
 //! The rig has no side effects and is repeatable: on one machine, runs with the same seed are bit-identical. On other machines the last
 //! bits may differ, because the standard library's `sin`, `cos`, `exp`, `tanh`, `ln` and `powf` may.
 
+pub mod bristle;
 pub mod channel;
 pub mod current;
 pub mod experiment;
@@ -30,6 +32,7 @@ pub mod second_order;
 pub mod signal;
 pub mod wave;
 
+pub use bristle::Bristle;
 pub use channel::Channels;
 pub use current::Current;
 pub use experiment::Experiment;

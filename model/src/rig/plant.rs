@@ -26,12 +26,13 @@
 //!
 //! Source: Spencer et al. 1997 (thesis 2.2). In its symbols, with A = 1: alpha = Fy/d, beta = b/d^n, gamma = (1 - b)/d^n, so z
 //! saturates at d and alpha z at the yield force Fy. Its accumulator k1 (x - x0) is the gas spring f0 + kg x here, which acts on the rod
-//! in parallel with the valve. The valve can be replaced by [`super::quasi_static`]; everything around it stays the same. The compliance
+//! in parallel with the valve. The valve can be replaced by [`super::quasi_static`] or [`super::bristle`]; everything around it stays the same. The compliance
 //! ks of fluid and mounting is in series with the valve. The dependence of the parameters on current is chosen here. The default has no
 //! play, friction, gas spring, fluid lag or any other effect whose parameter is 0 in [`Plant::default`]: these can be injected
 //! ([`super::inject`]).
 //! See `[spencer1996]` in the bibliography (node/docs/guide/bibliography.md), equation 2.2 of the thesis.
 
+use super::bristle::Bristle;
 use super::inject::AddedForces;
 use super::integrate::{Integrator, Stroke};
 use super::quasi_static::QuasiStatic;
@@ -86,6 +87,8 @@ pub enum ValveForm {
     BoucWen,
     /// The valve of [`super::quasi_static`], which does not use d, b, n, k0 and c1.
     QuasiStatic(QuasiStatic),
+    /// The valve of [`super::bristle`], which does not use b, n, k0 and c1.
+    Bristle(Bristle),
 }
 
 /// Parameters of the rig's damper; see the equations at the top of this file.
@@ -276,11 +279,34 @@ impl Plant {
     #[must_use]
     pub fn quasi_static() -> Self {
         Self {
-            valve_form: ValveForm::QuasiStatic(QuasiStatic { yield_velocity_m_s: 0.03, coupling_per_s: 0.0 }),
+            valve_form: ValveForm::QuasiStatic(QuasiStatic::NEWTONIAN),
             yield_n: Saturation { at_zero: 80.0, growth: 1000.0, half_a: 2.0, order: 2 },
             viscous_n_s_m: Saturation { at_zero: 600.0, growth: 2500.0, half_a: 2.0, order: 2 },
             series_stiffness_n_m: f64::INFINITY,
             ..Self::plain()
+        }
+    }
+
+    /// A plain damper with the quasi-static valve and a fluid whose viscosity falls with the rate of shear: its curve beyond the yield
+    /// force bends, where the fuzzy-tanh model and the Bouc-Wen law have a straight line.
+    #[must_use]
+    pub fn shear_thinning() -> Self {
+        Self {
+            valve_form: ValveForm::QuasiStatic(QuasiStatic { flow_exponent: 0.5, ..QuasiStatic::NEWTONIAN }),
+            viscous_n_s_m: Saturation { at_zero: 1200.0, growth: 5000.0, half_a: 2.0, order: 2 },
+            ..Self::quasi_static()
+        }
+    }
+
+    /// A plain damper with the bristle valve, with the yield force and damping of [`Plant::quasi_static`].
+    #[must_use]
+    pub fn bristle() -> Self {
+        let plain = Self::plain();
+        Self {
+            valve_form: ValveForm::Bristle(Bristle { breakaway: 0.15, breakaway_velocity_m_s: 0.02 }),
+            yield_stroke_m: 4e-4,
+            series_stiffness_n_m: plain.series_stiffness_n_m,
+            ..Self::quasi_static()
         }
     }
 
@@ -375,7 +401,10 @@ impl Plant {
                 }
                 Error::check("series_stiffness_n_m", self.series_stiffness_n_m, "above 0", |k| k > 0.0)?;
             }
-            ValveForm::BoucWen => {
+            ValveForm::BoucWen | ValveForm::Bristle(_) => {
+                if let ValveForm::Bristle(form) = self.valve_form {
+                    form.check()?;
+                }
                 let limit = "above 0, small enough against viscous_n_s_m and yield_stroke_m for 16 sub-steps a sample";
                 let ok = |k| k > 0.0 && self.is_integrable();
                 Error::check("series_stiffness_n_m", self.series_stiffness_n_m, limit, ok)?;
@@ -424,7 +453,7 @@ impl Plant {
     pub fn force_n(&self, state: &PlantState, x_m: f64, v_m_s: f64) -> f64 {
         let over = (x_m.abs() - self.end_stop_m).max(0.0);
         let valve_n = match self.valve_form {
-            ValveForm::BoucWen => self.spring_n(x_m - state.behind_compliance_m),
+            ValveForm::BoucWen | ValveForm::Bristle(_) => self.spring_n(x_m - state.behind_compliance_m),
             ValveForm::QuasiStatic(form) => self.quasi_static_n(&form, state, x_m, v_m_s),
         };
         valve_n

@@ -1,7 +1,7 @@
 //! The rig's quasi-static valve: its force depends on velocity and current, without hysteresis of its own.
 //!
 //! ```text
-//! valve     Fv = lean (Fy(i, T) tanh((s' + kappa s) / vy) + c0(i, T) s')
+//! valve     Fv = lean (Fy(i, T) tanh((s' + kappa s) / vy) + c0(i, T) s' (1 + (s'/vf)^2)^((n - 1)/2))
 //! rigid     s follows x with a play of +-g/2;         within the gap s' = 0 and Fv = 0
 //! spring    Fv = ks (x - s -+ g/2) at either edge;    within the gap s' = 0 and Fv = 0
 //! ```
@@ -10,12 +10,15 @@
 //! |---|---|---|---|
 //! | vy | `yield_velocity_m_s` | m/s | velocity scale over which the fluid yields |
 //! | kappa | `coupling_per_s` | 1/s | factor by which displacement adds to velocity |
+//! | n | `flow_exponent` | - | exponent of the flow far above vf: 1 for a Newtonian fluid, below 1 if shear thins it |
+//! | vf | `flow_velocity_m_s` | m/s | velocity above which shear thins the fluid |
 //! | s | [`super::plant::PlantState::behind_compliance_m`] | m | displacement of the piston |
 //! | x | | m | displacement of the rod |
 //! | Fy, c0, lean | as in [`super::plant`] | N, N·s/m, - | yield force, damping, factor of direction and position |
 //! | g, ks | `free_play_m`, `series_stiffness_n_m` | m, N/m | free play; spring in series, infinite for none |
 //!
-//! Source: the Bingham damper with a smooth step, the common picture of an MR damper. It is used in tests of the diagnosis: a model with
+//! Source: the Bingham damper with a smooth step, the common picture of an MR damper; with n below 1, the viscosity of Carreau's fluid
+//! (`[carreau1972]`). It is used in tests of the diagnosis: a model with
 //! a step and a damping at each current can follow it down to the noise, so the remaining residual is the effect that was
 //! injected. Yield force and damping depend on the current as in the other valve, by smooth functions and not by fuzzy sets.
 //!
@@ -45,12 +48,22 @@ pub struct QuasiStatic {
     pub yield_velocity_m_s: f64,
     /// Coupling kappa: factor by which displacement adds to velocity, in 1/s.
     pub coupling_per_s: f64,
+    /// Exponent n of the flow.
+    pub flow_exponent: f64,
+    /// Velocity vf above which shear thins the fluid, in m/s.
+    pub flow_velocity_m_s: f64,
 }
 
 impl QuasiStatic {
+    /// A valve that yields over 30 mm/s, with a Newtonian fluid and without coupling.
+    pub const NEWTONIAN: Self =
+        Self { yield_velocity_m_s: 0.03, coupling_per_s: 0.0, flow_exponent: 1.0, flow_velocity_m_s: 0.05 };
+
     pub(super) fn check(&self) -> Result<(), Error> {
         Error::check("yield_velocity_m_s", self.yield_velocity_m_s, "above 0", |v| v > 0.0)?;
         Error::check("coupling_per_s", self.coupling_per_s, "-100 to 100", |k| k.abs() <= 100.0)?;
+        Error::check("flow_exponent", self.flow_exponent, "above 0, at most 1", |n| n > 0.0 && n <= 1.0)?;
+        Error::check("flow_velocity_m_s", self.flow_velocity_m_s, "above 0", |v| v > 0.0)?;
         Ok(())
     }
 
@@ -59,7 +72,21 @@ impl QuasiStatic {
     fn force(&self, valve: &Valve, rate_m_s: f64, s_m: f64, reach_s: f64) -> (f64, f64) {
         let step = ((rate_m_s + self.coupling_per_s * s_m) / self.yield_velocity_m_s).tanh();
         let steepness = (1.0 - step * step) * (1.0 + self.coupling_per_s * reach_s) / self.yield_velocity_m_s;
-        (valve.yield_n * step + valve.viscous * rate_m_s, valve.yield_n * steepness + valve.viscous)
+        let (share, slope) = self.thinned(rate_m_s);
+        (
+            valve.yield_n * step + valve.viscous * share * rate_m_s,
+            valve.yield_n * steepness + valve.viscous * slope,
+        )
+    }
+
+    /// Viscosity and slope of the viscous force at `rate_m_s`, as shares of those at rest.
+    fn thinned(&self, rate_m_s: f64) -> (f64, f64) {
+        if self.flow_exponent == 1.0 {
+            return (1.0, 1.0);
+        }
+        let square = (rate_m_s / self.flow_velocity_m_s).powi(2);
+        let share = (1.0 + square).powf(0.5 * (self.flow_exponent - 1.0));
+        (share, share * (1.0 + self.flow_exponent * square) / (1.0 + square))
     }
 }
 
@@ -119,7 +146,14 @@ impl Plant {
         };
         // The tanh part lies within -Fy..Fy, so the solutions of the linear part with these two values bracket the rate.
         let straight = valve.viscous + stiffness * reach_s;
-        let (low, high) = ((pull_n - valve.yield_n) / straight, (pull_n + valve.yield_n) / straight);
+        let (mut low, mut high) = ((pull_n - valve.yield_n) / straight, (pull_n + valve.yield_n) / straight);
+        // A thinner fluid flows faster; its solution is further from zero.
+        while form.flow_exponent < 1.0 && excess(low).0 > 0.0 {
+            low *= 2.0;
+        }
+        while form.flow_exponent < 1.0 && excess(high).0 < 0.0 {
+            high *= 2.0;
+        }
         let slack = if has_gap && reach_s > 0.0 { beyond_m / reach_s } else { f64::INFINITY };
         if slack <= low || slack < high && excess(slack).0 <= 0.0 {
             return side * slack;

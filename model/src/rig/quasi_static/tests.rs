@@ -8,7 +8,8 @@ use super::*;
 use proptest::prelude::*;
 use std::f64::consts::TAU;
 
-const FORM: QuasiStatic = QuasiStatic { yield_velocity_m_s: 0.025, coupling_per_s: 3.0 };
+const FORM: QuasiStatic =
+    QuasiStatic { yield_velocity_m_s: 0.025, coupling_per_s: 3.0, ..QuasiStatic::NEWTONIAN };
 
 /// A plant without driver lag, so that the current in the fluid equals the command.
 fn plant() -> Plant {
@@ -218,7 +219,7 @@ fn invalid_valves_are_rejected_with_the_field_name() {
     assert_eq!(Plant::quasi_static().check(), Ok(()));
     let refused = |plant: Plant| plant.check().err().map(|e| e.to_string()).unwrap_or_default();
     let form = |yield_velocity_m_s, coupling_per_s| {
-        let form = QuasiStatic { yield_velocity_m_s, coupling_per_s };
+        let form = QuasiStatic { yield_velocity_m_s, coupling_per_s, ..FORM };
         Plant { valve_form: ValveForm::QuasiStatic(form), ..plant() }
     };
     assert!(refused(form(0.0, 1.0)).starts_with("yield_velocity_m_s"));

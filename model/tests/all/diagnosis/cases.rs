@@ -10,9 +10,12 @@
 //! |---|---|---|
 //! | null, single, pair, outside | quasi-static valve with no effect, one, two, or one outside the library | yes |
 //! | wrong base | Bouc-Wen valve, with no or one effect | no |
+//! | wrong base (bristle) | bristle valve, with no or one effect | no |
+//! | wrong base (thinning) | quasi-static valve with a fluid that shear thins, with no or one effect | no |
 //! | paired | Bouc-Wen valve, with no or one effect, and a healthy run with the same excitation | no |
 //!
-//! The rig has a compliance (6 MN/m) in series with its Bouc-Wen valve, so each case of "wrong base" has a spring in series.
+//! The rig has a compliance (6 MN/m) in series with its Bouc-Wen and bristle valves, so each case of "wrong base" with them has a spring
+//! in series. A fluid that shear thins is what the library calls a velocity saturation with a negative coefficient.
 
 use super::rates::library_id;
 use mr_damper_model::Error;
@@ -82,8 +85,16 @@ pub(crate) enum Kind {
     Single,
     Pair,
     Outside,
-    WrongBase,
+    WrongBase(Valve),
     Paired,
+}
+
+/// The valve of a case whose truth the fuzzy-tanh base does not fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Valve {
+    BoucWen,
+    Bristle,
+    Thinning,
 }
 
 impl Kind {
@@ -93,7 +104,9 @@ impl Kind {
             Self::Single => "single",
             Self::Pair => "pair",
             Self::Outside => "outside",
-            Self::WrongBase => "wrong base",
+            Self::WrongBase(Valve::BoucWen) => "wrong base",
+            Self::WrongBase(Valve::Bristle) => "wrong base (bristle)",
+            Self::WrongBase(Valve::Thinning) => "wrong base (thinning)",
             Self::Paired => "paired",
         }
     }
@@ -101,7 +114,8 @@ impl Kind {
     /// Effect, by the rig's id, that already the healthy damper has and that its force law lacks.
     pub(crate) const fn own_effect(self) -> Option<&'static str> {
         match self {
-            Self::WrongBase => Some("series_spring"),
+            Self::WrongBase(Valve::BoucWen | Valve::Bristle) => Some("series_spring"),
+            Self::WrongBase(Valve::Thinning) => Some("velocity_saturation"),
             _ => None, // in paired mode, the healthy run has it, too
         }
     }
@@ -109,7 +123,9 @@ impl Kind {
     /// The healthy damper.
     fn plant(self, start_c: f64) -> Plant {
         let valve = match self {
-            Self::WrongBase | Self::Paired => Plant::plain(),
+            Self::WrongBase(Valve::BoucWen) | Self::Paired => Plant::plain(),
+            Self::WrongBase(Valve::Bristle) => Plant::bristle(),
+            Self::WrongBase(Valve::Thinning) => Plant::shear_thinning(),
             _ => Plant::quasi_static(),
         };
         Plant { start_c, heat_capacity_j_k: HEAT_CAPACITY_J_K, ..valve }
@@ -154,7 +170,8 @@ pub(crate) fn catalogue() -> Vec<CaseSpec> {
     }
     specs.extend(PAIRS.map(|ids| spec(Kind::Pair, &ids.map(|id| (id, full_size(id))), 1.0)));
     specs.extend(OUTSIDE.map(|effect| spec(Kind::Outside, &[effect], 1.0)));
-    for kind in [Kind::WrongBase, Kind::Paired] {
+    let valves = [Valve::BoucWen, Valve::Bristle, Valve::Thinning].map(Kind::WrongBase);
+    for kind in valves.into_iter().chain([Kind::Paired]) {
         specs.push(spec(kind, &[], 1.0));
         specs.extend(sizes().into_iter().map(|effect| spec(kind, &[effect], 1.0)));
     }
