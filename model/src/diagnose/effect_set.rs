@@ -44,6 +44,18 @@ impl EffectSet {
         Self { included: Effect::ALL.map(|effect| self.has(effect) && !ids.contains(&effect.id())) }
     }
 
+    /// The effects of this set that can be confused with `effect`, and itself; `None` if there is no other.
+    pub(super) fn among(&self, effect: Effect) -> Option<Self> {
+        let alike = |other: Effect| {
+            other.id() == effect.id()
+                || effect.confounders().contains(&other.id())
+                || other.confounders().contains(&effect.id())
+        };
+        let included = Effect::ALL.map(|other| self.has(other) && alike(other));
+        let others = Effect::ALL.iter().zip(included).filter(|(other, is)| *is && other.id() != effect.id());
+        (others.count() > 0).then_some(Self { included })
+    }
+
     /// True if `effect` may be named.
     #[must_use]
     pub fn has(&self, effect: Effect) -> bool {
@@ -69,7 +81,10 @@ mod tests {
         assert!(Effect::ALL.into_iter().all(|effect| EffectSet::ALL.has(effect)));
         let two = EffectSet::only(&["force_lag", "friction"]).expect("both are there");
         let found: Vec<Effect> = Effect::ALL.into_iter().filter(|effect| two.has(*effect)).collect();
-        assert_eq!(found, [Effect::Friction, Effect::ForceLag, Effect::SeriesSpring]);
+        assert_eq!(
+            found,
+            [Effect::Friction, Effect::FrictionOwnScale, Effect::ForceLag, Effect::SeriesSpring]
+        );
         let message =
             EffectSet::only(&["friction", "cavitation"]).expect_err("none of the library").to_string();
         assert!(

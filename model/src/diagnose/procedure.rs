@@ -8,7 +8,7 @@ use super::interval::Contents;
 use super::joint::{Fitted, Joint};
 use super::refusal::{BaseFault, Refusal};
 use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round};
-use super::rows::Rows;
+use super::rows::{Rows, dot};
 use super::space::{with_effect, without_effect};
 use super::{Runs, Settings, Stage, alternative, check, correlation, floor, paired, score, test_runs};
 use crate::effect::{Augmented, Effect, EffectModel};
@@ -44,6 +44,8 @@ pub(super) struct Procedure<'a> {
     mode: DiagnosisMode,
     scales: Scales,
     estimate: Rows<'a>,
+    /// Sum of the squared force of the training runs, each run's mean removed, N².
+    force: f64,
     confirm: Rows<'a>,
     runs: &'a Runs<'a>,
     /// The caller compares the base with other structures.
@@ -109,7 +111,10 @@ impl<'a> Procedure<'a> {
         let (estimate, confirm) =
             (rows(base, runs, runs.estimate, settings)?, rows(base, runs, runs.confirm, settings)?);
         score::check_length(&estimate, settings)?;
+        let mut force_n = estimate.measured_n().to_vec();
+        estimate.centre(&mut force_n);
         Ok(Self {
+            force: dot(&force_n, &force_n),
             base,
             settings,
             watch,
@@ -156,6 +161,7 @@ impl<'a> Procedure<'a> {
             settings: self.settings,
             noise,
             least: 0.0,
+            force: if self.mode == DiagnosisMode::Absolute { self.force } else { 0.0 },
             number,
         }
     }
@@ -176,6 +182,7 @@ impl<'a> Procedure<'a> {
             stage(Stage::Pruning);
             found = self.refine(found, noise)?;
             found = self.prune(found, noise, &mut results)?;
+            found = self.exchange(found, noise, &mut results)?;
         }
         let mut pair = self.pair(base, found)?;
         // The model maps input noise to force noise, so the floor is computed again for the augmented model.
@@ -298,7 +305,8 @@ impl<'a> Procedure<'a> {
         Ok(squares.into_iter().reduce(f64::min))
     }
 
-    /// Tries the refined form of each effect that has one: a coil lag with separate time constants for rise and fall.
+    /// Tries the refined form of each effect that has one: a coil lag with separate time constants for rise and fall, or friction with a
+    /// velocity scale of its own.
     fn refine(&self, mut current: Fitted, noise: f64) -> Result<Fitted, Error> {
         for plain in Effect::ALL.into_iter().filter(|effect| effect.refined().is_some()) {
             let effects = current.model.effects().as_slice();
@@ -320,16 +328,59 @@ impl<'a> Procedure<'a> {
         // A single effect was already tested against the base alone.
         while results.named.len() > 1 {
             results.without = self.without_each(&current, &results.fits)?;
-            let needless = |without: &Option<Fitted>| {
-                without.as_ref().is_some_and(|without| !self.needed(&current, without, noise))
+            let effects = current.model.effects().as_slice();
+            let needless = |(index, without): (usize, &Option<Fitted>)| {
+                let why = self.needed(effects[index].effect(), &current, without.as_ref()?, noise).err()?;
+                Some((index, why))
             };
-            let Some(index) = results.without.iter().position(needless) else { break };
+            let Some((index, why)) = results.without.iter().enumerate().find_map(needless) else { break };
+            let effect = effects[index].effect();
             let Some(without) = results.without.swap_remove(index) else { break };
             results.fits.push(without.clone());
-            let effect = current.model.effects().as_slice()[index].effect();
-            results.refused.push(RefusedEffect { effect, why: Refusal::NotNeeded });
+            results.refused.push(RefusedEffect { effect, why });
             results.named.remove(effect.id());
             current = without;
+        }
+        Ok(current)
+    }
+
+    /// Searches each of several effects again among its confounders, in the presence of the others. An effect was chosen, and its class
+    /// found, while the error of those named after it was still there, which may have hidden that another one fits better.
+    fn exchange(&self, mut current: Fitted, noise: f64, results: &mut RoundResults) -> Result<Fitted, Error> {
+        if results.named.len() < 2 {
+            return Ok(current);
+        }
+        let named: Vec<Effect> = self.findings(&current.model).map(|effect| effect.effect()).collect();
+        for effect in named {
+            let is_it = |other: &EffectModel| other.effect() == effect;
+            let Some(index) = current.model.effects().as_slice().iter().position(is_it) else { continue };
+            let Some(without) = results.without[index].clone() else { continue };
+            let Some(effects) = self.settings.effects.among(effect) else { continue };
+            let settings = Settings { effects, ..*self.settings };
+            let round = Round { settings: &settings, ..self.round(noise, 0) };
+            let scores = score::scores(&round.joint, &self.confirm, &without, &settings)?;
+            let Some(passed) = round.run(&without, &scores)?.passed else { continue };
+            let (found, class) = (passed.effect, passed.class);
+            if found.id() == effect.id() {
+                if let Some((_, known)) = results.named.get_mut(effect.id()) {
+                    *known = class;
+                }
+            } else if passed.fitted.squares < current.squares {
+                let left = (without.squares - noise).max(f64::MIN_POSITIVE);
+                let share = |fitted: &Fitted| (without.squares - fitted.squares) / left;
+                let why = Refusal::OtherRemovesMore {
+                    share: share(&current),
+                    other: found.title(),
+                    other_share: share(&passed.fitted),
+                };
+                results.refused.retain(|refused| refused.effect.id() != found.id());
+                results.refused.push(RefusedEffect { effect, why });
+                results.named.remove(effect.id());
+                results.named.insert(found.id(), (passed.p_adjusted, class));
+                results.fits.push(passed.fitted.clone());
+                current = passed.fitted;
+                results.without = self.without_each(&current, &results.fits)?;
+            }
         }
         Ok(current)
     }
@@ -352,11 +403,14 @@ impl<'a> Procedure<'a> {
         current.model.effects().as_slice().par_iter().enumerate().map(without).collect()
     }
 
-    /// True if `current` is better than `without` by the least share required of an effect.
-    fn needed(&self, current: &Fitted, without: &Fitted, noise: f64) -> bool {
-        let share = (without.squares - current.squares) / (without.squares - noise);
-        let confirmed = self.round(noise, 0).confirmed(&without.model, &current.model);
-        share >= LEAST_SHARE && confirmed.is_ok_and(|share| share >= LEAST_CONFIRMED)
+    /// Rejects `effect` if `current` is not better than `without` it by the least share required of an effect.
+    fn needed(&self, effect: Effect, current: &Fitted, without: &Fitted, noise: f64) -> Result<(), Refusal> {
+        let round = self.round(noise, 0);
+        let drop = without.squares - current.squares;
+        let confirmed = round.confirmed(&without.model, &current.model);
+        let needed = drop / (without.squares - noise) >= LEAST_SHARE
+            && confirmed.is_ok_and(|share| share >= LEAST_CONFIRMED);
+        if needed { round.beyond_structure(effect, drop) } else { Err(Refusal::NotNeeded) }
     }
 
     /// Reads the test runs and puts the result together.

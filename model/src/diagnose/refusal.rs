@@ -85,6 +85,18 @@ pub enum Refusal {
         /// Share of the reducible error of the base alone that is required.
         needed_of_base: f64,
     },
+    /// The effect changes the force by so little that a base of a slightly different structure could take its place.
+    #[error(
+        "changes the force by {:.2} % once the base has adapted; under {:.1} %, a structure of the base that is not exactly the damper's \
+         looks the same",
+        100.0 * of_force, 100.0 * needed
+    )]
+    WithinStructure {
+        /// Root of the drop of squared error on the training runs, as a share of the standard deviation of the force.
+        of_force: f64,
+        /// Share that is required.
+        needed: f64,
+    },
     /// Another effect removes more.
     #[error("removes {:.0} % of the reducible error, where {other} removes {:.0} %", 100.0 * share, 100.0 * other_share)]
     OtherRemovesMore {

@@ -25,6 +25,7 @@ impl Definition for AntiAliasMismatch {
         separated_by: "high-frequency motion: a filter reduces the amplitude too, a delay does not",
         confounders: &["sensor_delay", "force_lag", "inertia", "coil_lag"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Measurement(1),
         inversion: Inversion::Search,
         static_stiffness_n_m: |_| 0.0,

@@ -26,6 +26,7 @@ impl Definition for Asymmetry {
         separated_by: "several currents and speeds in both directions: an offset does not grow with the force",
         confounders: &["friction", "position_dependence", "velocity_saturation"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Gap(2),
         inversion: Inversion::Search,
         static_stiffness_n_m: |_| 0.0,

@@ -39,6 +39,7 @@ impl Definition for Deadzone {
         separated_by: "small and large strokes at equal speed: the distance without force does not grow with the stroke",
         confounders: &["friction", "force_lag"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Rod(0),
         inversion: Inversion::Search,
         static_stiffness_n_m: |_| 0.0,

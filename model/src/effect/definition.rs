@@ -37,6 +37,8 @@ pub(super) struct Properties {
     pub(super) confounders: &'static [&'static str],
     /// Channels that it needs in addition to displacement and force.
     pub(super) needs: &'static [Need],
+    /// True if it changes with time or temperature at the same motion and drive. No structure of a base can then take its place.
+    pub(super) follows_time: bool,
     /// Its place in the damper, which is its place in the order of application.
     pub(super) layer: Layer,
     /// How an inverse controller treats it.
@@ -125,6 +127,8 @@ impl Unit {
     pub const KILOGRAM: Self = Self::new("_kg", "kg");
     /// Newton.
     pub const NEWTON: Self = Self::new("_n", "N");
+    /// Metre per second.
+    pub const METRE_PER_SECOND: Self = Self::new("_m_s", "m/s");
     /// Newton per metre.
     pub const NEWTON_PER_METRE: Self = Self::new("_n_m", "N/m");
 

@@ -35,6 +35,7 @@ impl Definition for EndStop {
         separated_by: "strokes to the ends, slow and fast: the force does not depend on speed and current",
         confounders: &["gas_spring", "position_dependence"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Parallel(3),
         inversion: Inversion::Subtract,
         static_stiffness_n_m: |_| 0.0,

@@ -26,6 +26,7 @@ impl Definition for ForceLag {
         separated_by: "motion over a wide band with the current held, at several currents",
         confounders: &["sensor_delay", "inertia", "anti_alias_mismatch", "coil_lag"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Rod(3),
         inversion: Inversion::Search,
         static_stiffness_n_m: |_| 0.0,

@@ -26,6 +26,7 @@ impl Definition for GasSpring {
         separated_by: "slow, long strokes without current: force at equal speed, at positions further in and further out",
         confounders: &["inertia", "end_stop", "position_dependence"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Parallel(2),
         inversion: Inversion::Subtract,
         static_stiffness_n_m: |[stiffness_n_m, ..]| stiffness_n_m,

@@ -26,6 +26,7 @@ impl Definition for Inertia {
         separated_by: "high-frequency motion without current: the force of a mass leads, a lag is late",
         confounders: &["sensor_delay", "force_lag", "gas_spring", "anti_alias_mismatch"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Rod(2),
         inversion: Inversion::Subtract,
         static_stiffness_n_m: |_| 0.0,

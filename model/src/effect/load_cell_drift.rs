@@ -36,6 +36,7 @@ impl Definition for LoadCellDrift {
         separated_by: "a long run, or rest before and after it",
         confounders: &["thermal_fade"],
         needs: &[],
+        follows_time: true,
         layer: Layer::Measurement(2),
         inversion: Inversion::Subtract,
         static_stiffness_n_m: |_| 0.0,

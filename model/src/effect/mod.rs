@@ -13,7 +13,7 @@
 //! ```toml
 //! [[effects]]                  # in order of application: the first one is nearest to the model
 //! id = "coil_lag"
-//! form = "rise_fall"           # where an id has more than one form
+//! form = "rise_fall"           # where a form has a name
 //! tau_rise_s = 0.005
 //! tau_fall_s = 0.019
 //! ```
@@ -38,6 +38,7 @@
 //! | id, form, parameters (name, unit, physical range, neutral value, probe) | model files, diagnosis, reports, messages |
 //! | description, excitation that separates it, confounders | diagnosis, reports |
 //! | channels that it needs | pipeline, scores, diagnosis |
+//! | dependence on time or temperature | diagnosis |
 //! | layer in the damper | order in which a diagnosis applies effects; pipeline and inverse controller, which separate force and reading |
 //! | inversion, static stiffness | inverse controller |
 //! | refinement | diagnosis |
@@ -65,6 +66,7 @@
 //!         separated_by: "fast strokes in both directions",
 //!         confounders: &["asymmetry"],
 //!         needs: &[],
+//!         follows_time: false,
 //!         layer: Layer::Gap(3),
 //!         inversion: Inversion::Search,
 //!         static_stiffness_n_m: |_| 0.0,
@@ -162,7 +164,7 @@ effects! {
     thermal_fade: ThermalFade;
     gas_spring: GasSpring;
     inertia: Inertia;
-    friction: Friction;
+    friction: Friction, FrictionOwnScale;
     asymmetry: Asymmetry;
     force_lag: ForceLag;
     series_spring: SeriesSpring;
@@ -242,6 +244,11 @@ impl Effect {
     #[must_use]
     pub const fn needs(self) -> &'static [Need] {
         self.properties().needs
+    }
+
+    /// True if it changes with time or temperature at the same motion and drive.
+    pub(crate) const fn follows_time(self) -> bool {
+        self.properties().follows_time
     }
 
     /// True if it adds a force that does not depend on the drive, and does not change the inputs.

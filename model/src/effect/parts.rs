@@ -3,7 +3,7 @@
 use super::MAX_DELAY_S;
 
 /// Velocity scale over which the smooth sign changes from -1 to 1, m/s.
-const SIGN_VELOCITY_M_S: f64 = 5e-3;
+pub(super) const SIGN_VELOCITY_M_S: f64 = 5e-3;
 
 /// Smooth sign of a velocity: tanh(v / 5 mm/s). It is smooth because the solver of a series spring around it needs that.
 #[inline]

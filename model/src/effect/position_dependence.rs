@@ -26,6 +26,7 @@ impl Definition for PositionDependence {
         separated_by: "the same speeds and currents around several mean positions",
         confounders: &["gas_spring", "asymmetry", "end_stop"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Gap(1),
         inversion: Inversion::Search,
         static_stiffness_n_m: |_| 0.0,

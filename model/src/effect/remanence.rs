@@ -30,6 +30,7 @@ impl Definition for Remanence {
         separated_by: "slow ramps of the current, up and down, at constant speed: the loop does not shrink with the rate",
         confounders: &["coil_lag"],
         needs: &[Need::Drive],
+        follows_time: false,
         layer: Layer::Core(0),
         inversion: Inversion::Search,
         static_stiffness_n_m: |_| 0.0,

@@ -39,6 +39,7 @@ impl Definition for SensorDelay {
         separated_by: "motion over a wide band: phase that grows in proportion to frequency while amplitude stays",
         confounders: &["force_lag", "inertia", "anti_alias_mismatch"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Measurement(0),
         inversion: Inversion::Search,
         static_stiffness_n_m: |_| 0.0,

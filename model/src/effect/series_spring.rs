@@ -66,6 +66,7 @@ impl Definition for SeriesSpring {
         separated_by: "motion over a wide band at several currents: the lag grows with the damping",
         confounders: &["sensor_delay", "inertia", "anti_alias_mismatch", "coil_lag"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Rod(1),
         inversion: Inversion::Search,
         static_stiffness_n_m: |_| 0.0,

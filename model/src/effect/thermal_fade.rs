@@ -29,6 +29,7 @@ impl Definition for ThermalFade {
         separated_by: "the same motion and current, cold and warm",
         confounders: &["load_cell_drift"],
         needs: &[Need::CaseTemperature],
+        follows_time: true,
         layer: Layer::Gap(0),
         inversion: Inversion::Search,
         static_stiffness_n_m: |_| 0.0,

@@ -31,6 +31,7 @@ impl Definition for VelocitySaturation {
         separated_by: "fast strokes without current",
         confounders: &["friction", "asymmetry"],
         needs: &[],
+        follows_time: false,
         layer: Layer::Parallel(0),
         inversion: Inversion::Subtract,
         static_stiffness_n_m: |_| 0.0,

@@ -137,7 +137,7 @@ pub enum ModelFileError {
         known: Vec<&'static str>,
     },
     /// The form of an effect is missing, unknown or superfluous.
-    #[error("model file: effects[{index}]{}", form_problem(id, found.as_deref(), known))]
+    #[error("model file: effects[{index}]{}", form_problem(id, found.as_deref(), known, *plain))]
     EffectForm {
         /// Number of the effect in the file, from 0.
         index: usize,
@@ -145,8 +145,10 @@ pub enum ModelFileError {
         id: &'static str,
         /// The form in the file.
         found: Option<String>,
-        /// The forms of the effect; empty if it has one only.
+        /// The named forms of the effect; empty if it has one form only.
         known: Vec<&'static str>,
+        /// True if one of its forms has no name.
+        plain: bool,
     },
     /// The parameters of an effect are not valid.
     #[error("model file: effects[{index}]: {error}")]
@@ -166,10 +168,13 @@ pub enum ModelFileError {
     },
 }
 
-fn form_problem(id: &str, found: Option<&str>, known: &[&str]) -> String {
+fn form_problem(id: &str, found: Option<&str>, known: &[&str], plain: bool) -> String {
     match (known, found) {
         ([], _) => format!(": {id} has one form only; leave form out"),
         (known, None) => format!(": {id} needs form, one of {}", known.join(", ")),
+        (known, Some(form)) if plain => {
+            format!(".form is \"{form}\", but {id} has no form, or the form {}", known.join(", "))
+        }
         (known, Some(form)) => format!(".form is \"{form}\", but {id} has the forms {}", known.join(", ")),
     }
 }

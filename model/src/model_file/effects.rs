@@ -53,7 +53,8 @@ fn one(index: usize, table: &Table) -> Result<EffectModel, Error> {
     let Some(effect) = forms.iter().copied().find(|effect| effect.form() == form) else {
         let known: Vec<&str> = forms.iter().filter_map(|effect| effect.form()).collect();
         let (id, found) = (forms[0].id(), form.map(str::to_owned));
-        return Err(ModelFileError::EffectForm { index, id, found, known }.into());
+        let plain = forms.iter().any(|effect| effect.form().is_none());
+        return Err(ModelFileError::EffectForm { index, id, found, known, plain }.into());
     };
     let parameters = effect.parameters();
     for key in table.keys().filter(|key| !["id", "form"].contains(&key.as_str())) {

@@ -248,7 +248,11 @@ fn an_error_in_an_effect_names_the_key() {
             "[[effects]]\nid = \"force_lag\"\nform = \"two_pole\"",
             "but force_lag has the forms first_order, series_spring",
         ),
-        ("[[effects]]\nid = \"friction\"\nform = \"coulomb\"", "friction has one form only"),
+        ("[[effects]]\nid = \"inertia\"\nform = \"heavy\"", "inertia has one form only"),
+        (
+            "[[effects]]\nid = \"friction\"\nform = \"coulomb\"",
+            "form is \"coulomb\", but friction has no form, or the form own_scale",
+        ),
         (
             "[[effects]]\nid = \"friction\"\nfriction_lbf = 3",
             "effects[0].friction_lbf is unknown; did you mean friction_n?",
