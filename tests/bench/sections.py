@@ -202,7 +202,7 @@ def closing():
         model = folder / "base.toml"
         if not model.exists():
             run(BINARY, "--quiet", "identify", "--model", "fuzzy-tanh", base, "--out", model)
-        command = [BINARY, "--quiet", "close", "--base", model, "--estimate", estimate, "--confirm", confirm, "--test", sealed]
+        command = [BINARY, "--quiet", "close", "--base", model, "--fixed-base", "--estimate", estimate, "--confirm", confirm, "--test", sealed]
         for ids in candidates if seconds == 30 else [[]]:
             only = ["--effects", ",".join(ids)] if ids else []
             found.append({"run_s": seconds, "effects": ids, **used(*command, *only, "--out", folder / "closed.toml")})

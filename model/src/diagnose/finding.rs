@@ -232,6 +232,8 @@ pub struct RemainingError {
 pub struct StructureRow {
     /// Name of the structure.
     pub structure: &'static str,
+    /// True for the base that was given, false for a structure that was identified on the training runs.
+    pub given: bool,
     /// How it fits; or why it could not be identified or simulated.
     pub outcome: Result<StructureFit, Error>,
 }
@@ -245,6 +247,8 @@ pub struct StructureFit {
     pub rsse_n: f64,
     /// Ids of these effects.
     pub effects: Vec<&'static str>,
+    /// Random starting points of its identification; 0 for the given base.
+    pub restarts: u32,
     /// The verdict under this structure.
     pub verdict: Verdict,
     /// True if it fits the validation runs about as well as the best structure.
@@ -284,6 +288,6 @@ pub struct DiagnosisResult {
     pub before: Model,
     /// The base with the effects; the same as `before` if no effect was named.
     pub after: Model,
-    /// The structures that were tried as base, in order; empty if the base was given.
+    /// The structures that were tried as base, in order; empty if only the given base was diagnosed.
     pub structures: Vec<StructureRow>,
 }

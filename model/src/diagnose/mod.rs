@@ -56,7 +56,7 @@ pub use finding::{
 pub use paired::reference_force_n;
 pub use ranges::Ranges;
 pub use refusal::{BaseFault, Refusal};
-pub use structures::{close_any, default_structures};
+pub use structures::{Bases, close_any, default_structures};
 
 use crate::error::Error;
 use crate::identify::{Dataset, Watch};
@@ -129,7 +129,7 @@ impl Settings {
 /// Stages of a diagnosis, reported to the caller as progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
-    /// A structure of the base is identified and diagnosed; its name.
+    /// A structure of the base is identified, if it was not given, and diagnosed; its name.
     Structure(&'static str),
     /// The base is refitted on the training runs.
     Base,

@@ -1,12 +1,13 @@
 //! A diagnosis that also chooses the structure of the base model.
 //!
 //! A base of the wrong structure leads to a wrong name: what its structure cannot follow looks like an effect. So several structures
-//! are identified on the training runs and diagnosed, and the validation runs compare them with the effects that each of them found:
+//! are identified on the training runs and diagnosed, beside the base that is given, if there is one. The validation runs compare them with
+//! the effects that each of them found:
 //!
 //! ```text
 //! best structure       the least squared error on the validation runs
 //! fits about as well   the interval of (error of the best / error of this one) reaches one, or the ratio is above 0.9
-//! chosen               the simplest structure that fits about as well as the best
+//! chosen               the first structure that fits about as well as the best: the given base, then from simple to flexible
 //! named                an effect of the chosen structure that every structure that fits about as well names too, with the same
 //!                      parameters within their intervals
 //! ```
@@ -62,9 +63,22 @@ pub fn default_structures(with_drive: bool) -> Result<Vec<ModelSpec>, Error> {
     [curve, Structure::Law(ForceLaw::BoucWen)].into_iter().map(|s| ModelSpec::new(s, form)).collect()
 }
 
+/// The bases that [`close_any`] chooses from.
+#[derive(Debug, Clone, Copy)]
+pub struct Bases<'a> {
+    /// The base in use, conditioned as the runs are; the first choice. `None` without one.
+    pub given: Option<&'a Model>,
+    /// Structures to identify on the training runs, in order of preference. One that the given base has is left out.
+    pub structures: &'a [ModelSpec],
+    /// Settings of their identification.
+    pub options: &'a Options,
+}
+
 /// A structure that was identified and diagnosed.
 struct Diagnosed {
     base: Model,
+    /// Starting points of its identification; 0 for the given base.
+    restarts: u32,
     result: DiagnosisResult,
     /// The model with its effects on the validation runs.
     confirm: Fitted,
@@ -77,6 +91,7 @@ impl Diagnosed {
             alone_rsse_n: rsse_n(&self.result.before),
             rsse_n: rsse_n(&self.result.after),
             effects: self.result.effects.iter().map(|named| named.effect.effect().id()).collect(),
+            restarts: self.restarts,
             verdict: self.result.verdict,
             fits_as_well,
             chosen,
@@ -84,13 +99,12 @@ impl Diagnosed {
     }
 }
 
-/// Chooses the base among `structures`, which are identified on the training runs with `options`, and diagnoses it; see the module.
-/// The order of `structures` decides between those that fit equally well.
+/// Chooses the base among `bases` and diagnoses it; see the module.
 ///
 /// [`DiagnosisResult::structures`] lists all of them. `stage` is called at the start of each stage.
 ///
 /// ```no_run
-/// use mr_damper_model::diagnose::{Runs, Settings, close_any, default_structures};
+/// use mr_damper_model::diagnose::{Bases, Runs, Settings, close_any, default_structures};
 /// use mr_damper_model::identify::{Dataset, DatasetOptions, Options, Watch};
 /// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 ///
@@ -102,31 +116,37 @@ impl Diagnosed {
 /// };
 /// let (estimate, confirm) = ([run(1)?], [run(2)?]);
 /// let runs = Runs { estimate: &estimate, confirm: &confirm, ..Runs::default() };
-/// let found = close_any(&default_structures(true)?, &options, &runs, &Settings::default(), &Watch::none(), &|_| {})?;
+/// let bases = Bases { given: None, structures: &default_structures(true)?, options: &options };
+/// let found = close_any(&bases, &runs, &Settings::default(), &Watch::none(), &|_| {})?;
 /// let chosen = found.structures.iter().find(|row| row.outcome.as_ref().is_ok_and(|fit| fit.chosen));
 /// assert_eq!(chosen.map(|row| row.structure), Some("bouc-wen"), "the rig's valve has memory");
 /// # Ok::<(), mr_damper_model::Error>(())
 /// ```
 ///
 /// # Errors
-/// As [`super::close`]; [`DiagnosisError::BaseNeeded`] if `structures` is empty or with reference runs; the error of the first structure if none of
-/// them can be identified and simulated.
+/// As [`super::close`], also for the given base; [`DiagnosisError::BaseNeeded`] without any base or with reference runs; the error of the
+/// first structure if none of them can be identified and simulated.
 pub fn close_any(
-    structures: &[ModelSpec],
-    options: &Options,
+    bases: &Bases,
     runs: &Runs,
     settings: &Settings,
     watch: &Watch,
     stage: &dyn Fn(Stage),
 ) -> Result<DiagnosisResult, Error> {
-    if structures.is_empty() || !runs.reference.is_empty() {
+    if bases.given.is_none() && bases.structures.is_empty() || !runs.reference.is_empty() {
         return Err(DiagnosisError::BaseNeeded.into());
     }
     check::check_before_base(runs, settings)?;
     let confirm = Rows::new(runs.confirm, settings.most_rows);
-    let choice = Choice { options, runs, settings, confirm, watch, stage };
+    let choice = Choice { options: bases.options, runs, settings, confirm, watch, stage };
     let mut tried: Vec<(&'static str, Result<Diagnosed, Error>)> = Vec::new();
-    for spec in structures {
+    let given = bases.given.map(|base| base.force.name());
+    if let Some(base) = bases.given {
+        let name = base.force.name();
+        stage(Stage::Structure(name));
+        tried.push((name, Ok(choice.diagnosed_base(*base, 0)?)));
+    }
+    for spec in bases.structures.iter().filter(|spec| Some(spec.structure().name()) != given) {
         let name = spec.structure().name();
         stage(Stage::Structure(name));
         let one = choice.diagnosed(*spec);
@@ -151,8 +171,9 @@ pub fn close_any(
         let fits_as_well = fitting.iter().any(|(_, fits)| std::ptr::eq(*fits, one));
         one.row(std::ptr::eq(*chosen, one), fits_as_well)
     };
-    let rows = tried.iter().map(|(structure, one)| StructureRow {
+    let rows = tried.iter().enumerate().map(|(index, (structure, one))| StructureRow {
         structure,
+        given: given.is_some() && index == 0,
         outcome: one.as_ref().map(row).map_err(Clone::clone),
     });
     Ok(DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, others)? })
@@ -171,13 +192,19 @@ struct Choice<'a> {
 impl Choice<'_> {
     /// Identifies a structure on the training runs and diagnoses it.
     fn diagnosed(&self, spec: ModelSpec) -> Result<Diagnosed, Error> {
-        let base = match spec.structure() {
-            Structure::Law(_) => self.identified_law(spec)?,
-            _ => self.identified(spec, self.options)?,
-        };
+        match spec.structure() {
+            Structure::Law(_) => {
+                let restarts = self.options.restarts.min(LAW_RESTARTS);
+                self.diagnosed_base(self.identified_law(spec, restarts)?, restarts)
+            }
+            _ => self.diagnosed_base(self.identified(spec, self.options)?, self.options.restarts),
+        }
+    }
+
+    fn diagnosed_base(&self, base: Model, restarts: u32) -> Result<Diagnosed, Error> {
         let result = self.diagnose(&base, self.settings)?;
         let confirm = test_runs::fitted(&self.confirm, &result.after.augmented())?;
-        Ok(Diagnosed { base, result, confirm })
+        Ok(Diagnosed { base, restarts, result, confirm })
     }
 
     fn identified(&self, spec: ModelSpec, options: &Options) -> Result<Model, Error> {
@@ -185,8 +212,7 @@ impl Choice<'_> {
     }
 
     /// A force law with the degree that has the least squared error on the validation runs.
-    fn identified_law(&self, spec: ModelSpec) -> Result<Model, Error> {
-        let restarts = self.options.restarts.min(LAW_RESTARTS);
+    fn identified_law(&self, spec: ModelSpec, restarts: u32) -> Result<Model, Error> {
         let identified = |degree| -> Result<(f64, Model), Error> {
             let model = self.identified(spec, &Options { restarts, degree, ..self.options.clone() })?;
             let fitted = test_runs::fitted(&self.confirm, &model.augmented());

@@ -4,8 +4,8 @@ use crate::diagnosis::cases::spec;
 use crate::diagnosis::outcome::CONDITIONING;
 use mr_damper_model::Error;
 use mr_damper_model::diagnose::{
-    DiagnosisError, DiagnosisResult, FloorSource, NoInterval, NoiseFloor, Refusal, Runs, Settings, Verdict,
-    close, close_any,
+    Bases, DiagnosisError, DiagnosisResult, FloorSource, NoInterval, NoiseFloor, Refusal, Runs, Settings,
+    Verdict, close, close_any,
 };
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
 use mr_damper_model::model::Model;
@@ -49,7 +49,8 @@ fn runs_are_rejected_before_a_base_is_identified() {
         let (runs, watch) = (Runs { estimate, confirm, ..Runs::default() }, Watch::none());
         let structures = [ModelSpec::FUZZY_TANH];
         let begins = |stage| panic!("{stage:?} has begun");
-        close_any(&structures, &Options::default(), &runs, &Settings::default(), &watch, &begins)
+        let bases = Bases { given: None, structures: &structures, options: &Options::default() };
+        close_any(&bases, &runs, &Settings::default(), &watch, &begins)
     };
     assert!(matches!(refused(chosen(&twin, &twin)), DiagnosisError::SameRun { .. }));
     assert!(matches!(refused(chosen(&short, &confirm)), DiagnosisError::TooShort { .. }));

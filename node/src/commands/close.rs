@@ -87,11 +87,16 @@ const GROUP: &str = "RecordedArgs";
 #[derive(Debug, clap::Args)]
 pub struct RecordedArgs {
     /// Model file, preset, name of a model (fuzzy-tanh, kwok, ...), or `auto`. A named model is first identified, on the
-    /// healthy runs if --reference is given, else on the training runs. With `auto`, several structures are identified and
-    /// diagnosed; the simplest one that fits the validation runs about as well as the best becomes the base, and an effect
-    /// is named only if it does not depend on that choice. With --reference, name the model in use.
+    /// healthy runs if --reference is given, else on the training runs. Several structures are identified and diagnosed
+    /// beside it. It stays the base if it fits the validation runs about as well as the best of them; else the simplest that
+    /// does becomes the base, as with `auto`. An effect is named only if it does not depend on that choice. With --reference,
+    /// name the model in use.
     #[arg(long, group = GROUP, value_name = "MODEL", default_value = base::AUTO)]
     pub base: String,
+    /// Diagnose the base of --base as it is, without other structures beside it. That is faster, but an effect that is found
+    /// may then stand for what this structure cannot follow.
+    #[arg(long, group = GROUP)]
+    pub fixed_base: bool,
     /// Training runs, on which effects are searched: CSV files, rosbag2 directories, .mcap files.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1.., required_unless_present = "live")]
     pub estimate: Vec<PathBuf>,
@@ -232,13 +237,7 @@ fn close(
     let progress = |progress| working.progress(progress);
     let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
     let stage = |stage| working.stage(&stage_in_words(stage));
-    let result = match base {
-        Prepared::Model(base) => diagnose::close(&base.model, runs, &settings, &watch, &stage),
-        Prepared::Structures(structures, options) => {
-            diagnose::close_any(structures, options, runs, &settings, &watch, &stage)
-        }
-    };
-    result.map_err(interrupted)
+    base.diagnose(runs, &settings, &watch, &stage).map_err(interrupted)
 }
 
 /// Converts an error of the model crate; cancelled work becomes [`NodeError::Interrupted`].

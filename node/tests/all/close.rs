@@ -219,7 +219,9 @@ fn the_rigs_coil_lag_is_found_and_written_and_its_test_run_cannot_be_used_again(
     assert!(written.contains(best["structure"].as_str().expect("a name")), "{written}");
 
     // An effect that `--effects` excludes is neither named nor reported as absent.
-    let other = close("close --base fuzzy-tanh --restarts 2 --out other.toml --effects gas_spring,friction");
+    let other = close(
+        "close --base fuzzy-tanh --fixed-base --restarts 2 --out other.toml --effects gas_spring,friction",
+    );
     let other: Value = serde_json::from_slice(&other.stdout).expect("JSON alone on stdout");
     let ids = |list: &str| -> Vec<&str> {
         other[list].as_array().expect(list).iter().filter_map(|effect| effect["id"].as_str()).collect()

@@ -3,7 +3,7 @@
 use super::cases::{Case, Kind};
 use mr_damper_model::Error;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
-use mr_damper_model::diagnose::{Runs, Settings, Verdict, close, close_any, default_structures};
+use mr_damper_model::diagnose::{Bases, Runs, Settings, Verdict, close, close_any, default_structures};
 use mr_damper_model::identify::{
     Dataset, DatasetOptions, ModelSpec, Options, Placement, Watch, identify_datasets,
 };
@@ -118,7 +118,8 @@ pub(crate) fn diagnose(case: &Case, instrumentation: Instrumentation) -> Result<
         Runs { estimate: &estimate, confirm: &confirm, test: &test, reference: &reference, replicates: &[] };
     let (settings, watch) = (Settings::default(), Watch::none());
     let found = if instrumentation == Instrumentation::Auto {
-        close_any(&default_structures(true)?, &options, &runs, &settings, &watch, &|_| {})?
+        let bases = Bases { given: None, structures: &default_structures(true)?, options: &options };
+        close_any(&bases, &runs, &settings, &watch, &|_| {})?
     } else {
         let base = identify_datasets(ModelSpec::FUZZY_TANH, healthy, &options, &watch)?.model;
         close(&base, &runs, &settings, &watch, &|_| {})?

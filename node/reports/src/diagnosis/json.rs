@@ -33,7 +33,7 @@ pub struct DiagnosisReport<'a> {
     confirm: Vec<RunErrorsRow<'a>>,
     candidates: Vec<CandidateRow>,
     blocks: usize,
-    /// The structures that were tried as base; empty if the base was given.
+    /// The structures that were tried as base; empty if only the given base was diagnosed.
     structures: Vec<StructureJson<'a>>,
 }
 
@@ -181,10 +181,14 @@ struct CandidateRow {
 #[derive(Debug, Serialize)]
 struct StructureJson<'a> {
     structure: &'static str,
+    /// True for the base that was given.
+    given: bool,
     /// RMSE on the validation runs, N.
     alone_rsse_n: Option<f64>,
     rsse_n: Option<f64>,
     effects: &'a [&'static str],
+    /// Random starting points of its identification; 0 for the given base.
+    restarts: Option<u32>,
     verdict: Option<&'static str>,
     fits_as_well: bool,
     chosen: bool,
@@ -234,9 +238,11 @@ fn structure(row: &StructureRow) -> StructureJson<'_> {
     let fit = row.outcome.as_ref().ok();
     StructureJson {
         structure: row.structure,
+        given: row.given,
         alone_rsse_n: fit.map(|fit| fit.alone_rsse_n),
         rsse_n: fit.map(|fit| fit.rsse_n),
         effects: fit.map_or(&[], |fit| &fit.effects),
+        restarts: fit.map(|fit| fit.restarts),
         verdict: fit.map(|fit| fit.verdict.name()),
         fits_as_well: fit.is_some_and(|fit| fit.fits_as_well),
         chosen: fit.is_some_and(|fit| fit.chosen),

@@ -57,6 +57,7 @@ fn summary(result: &DiagnosisResult) -> Markup {
     html! {
         p.verdict.bad[!settled] {
             (words::verdict(result))
+            @if let Some(other) = words::other_base(result) { " " (other) }
             @if let Some(next) = words::next_step(result) { " " (next) }
         }
         @if let Some(paired) = words::paired(result.mode) {
@@ -124,7 +125,7 @@ fn sentence(named: &NamedEffect) -> Markup {
 fn structures(result: &DiagnosisResult) -> Markup {
     let columns = ["structure", "result"];
     let rows: Vec<Vec<String>> =
-        result.structures.iter().map(|row| vec![row.structure.to_owned(), words::structure(row)]).collect();
+        result.structures.iter().map(|row| vec![words::structure_name(row), words::structure(row)]).collect();
     html! {
         p { (words::STRUCTURES) "." }
         (table(&columns, &rows))

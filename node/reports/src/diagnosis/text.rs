@@ -27,6 +27,7 @@ pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
 pub fn short(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     let mut text = String::new();
     paragraph(&mut text, 0, &words::verdict(result));
+    words::other_base(result).into_iter().for_each(|remark| paragraph(&mut text, 0, &remark));
     let remarks = [words::next_step(result), words::paired(result.mode)];
     remarks.into_iter().flatten().for_each(|remark| paragraph(&mut text, 0, remark));
     if !result.effects.is_empty() || result.test.is_some() {
@@ -92,7 +93,7 @@ fn structures(text: &mut String, result: &DiagnosisResult) {
     }
     let _ = writeln!(text, "\n{}", words::STRUCTURES);
     for row in &result.structures {
-        paragraph(text, 2, &format!("{} {}", row.structure, words::structure(row)));
+        paragraph(text, 2, &format!("{} {}", words::structure_name(row), words::structure(row)));
     }
 }
 

@@ -85,6 +85,23 @@ pub fn force(newtons: f64) -> String {
 /// Heading of the list of structures.
 pub(crate) const STRUCTURES: &str = "Structures of the base, by RMSE on the validation runs";
 
+/// Name of a structure that was tried as base.
+pub(crate) fn structure_name(row: &StructureRow) -> String {
+    if row.given { format!("{} (given)", row.structure) } else { row.structure.to_owned() }
+}
+
+/// That the base which was given fits worse than the one that was chosen; `None` if it was chosen, or if there was no choice.
+pub(crate) fn other_base(result: &DiagnosisResult) -> Option<String> {
+    let chosen = |row: &&StructureRow| row.outcome.as_ref().is_ok_and(|fit| fit.chosen);
+    let chosen = result.structures.iter().find(chosen).filter(|row| !row.given)?;
+    let given = result.structures.iter().find(|row| row.given)?;
+    Some(format!(
+        "The base given has not the damper's structure: on the validation runs {} fits worse than {}, also with the effects found. {} is \
+         the base of this result and of its model file.",
+        given.structure, chosen.structure, chosen.structure
+    ))
+}
+
 /// How a structure of the base fits.
 pub(crate) fn structure(row: &StructureRow) -> String {
     let fit = match &row.outcome {

@@ -7,8 +7,8 @@ use crate::commands::context::CliContext;
 use crate::commands::progress::Working;
 use crate::estimation::models;
 use crate::settings::error::NodeError;
-use mr_damper_model::condition::Conditioning;
-use mr_damper_model::diagnose::{self, DiagnosisResult};
+use mr_damper_model::condition::{Conditioning, VelocitySource};
+use mr_damper_model::diagnose::{self, Bases, DiagnosisResult, Runs, Settings, Stage};
 use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch, identify};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{Role, TrainingRun};
@@ -28,12 +28,13 @@ pub(super) enum Base {
     Auto(Vec<ModelSpec>),
 }
 
-/// A base that can be diagnosed.
-pub(super) enum Prepared {
-    /// A model.
-    Model(Box<Identified>),
-    /// Structures, with the settings of their identification.
-    Structures(Vec<ModelSpec>, Box<Options>),
+/// The bases that can be diagnosed; at least one.
+pub(super) struct Prepared {
+    /// The base in use, or named and identified.
+    given: Option<Box<Identified>>,
+    /// Structures that are identified and diagnosed beside it, with the settings of their identification.
+    structures: Vec<ModelSpec>,
+    options: Options,
 }
 
 /// Value of `--base` that leaves the structure to the runs.
@@ -58,6 +59,11 @@ impl Base {
     /// When the file, preset or model does not exist, or a flag is given that does not apply to an existing model.
     pub(super) fn of(args: &RecordedArgs) -> Result<Self, NodeError> {
         let form = if args.passive { Form::Passive } else { Form::SemiActive };
+        if args.base == AUTO && args.fixed_base {
+            return Err(NodeError::Usage(
+                "--fixed-base needs the base that it is about: give a model file or the name of a model with --base".to_owned(),
+            ));
+        }
         if args.base == AUTO {
             if args.reference.is_empty() {
                 return Ok(Self::Auto(diagnose::default_structures(!args.passive)?));
@@ -142,7 +148,7 @@ impl Base {
         }
     }
 
-    /// The base, ready to be diagnosed. A named model is identified here, on the reference runs if there are any, else on the training
+    /// The bases, ready to be diagnosed. A named model is identified here, on the reference runs if there are any, else on the training
     /// runs.
     ///
     /// # Errors
@@ -156,8 +162,8 @@ impl Base {
     ) -> Result<Prepared, NodeError> {
         let options = options(args)?;
         let spec = match self {
-            Self::Model(base) => return Ok(Prepared::Model(base)),
-            Self::Auto(structures) => return Ok(Prepared::Structures(structures, Box::new(options))),
+            Self::Model(base) => return Prepared::around(*base, options, args),
+            Self::Auto(structures) => return Ok(Prepared { given: None, structures, options }),
             Self::Name(spec) => spec,
         };
         // Reference runs show how the healthy damper behaves.
@@ -174,34 +180,89 @@ impl Base {
         for warning in &found.warnings {
             tracing::warn!("the base: {warning}");
         }
-        Ok(Prepared::Model(Box::new(Identified {
+        let base = Identified {
             model: found.model,
             source: format!("{}, identified on the {whose} runs", args.base),
             runs: Vec::new(),
             restarts: u32::try_from(found.restart_rsse_n.len()).unwrap_or(u32::MAX),
-        })))
+        };
+        Prepared::around(base, options, args)
     }
 }
 
 impl Prepared {
+    /// `given` with the structures that are diagnosed beside it: none with --fixed-base, nor with reference runs. A velocity that is computed
+    /// late is then computed without delay: the delay would look like a lag or a spring of the damper.
+    fn around(mut given: Identified, options: Options, args: &RecordedArgs) -> Result<Self, NodeError> {
+        let mut conditioning = given.model.conditioning;
+        let alone = args.fixed_base || !args.reference.is_empty();
+        let structures = match alone {
+            true => Vec::new(),
+            false => diagnose::default_structures(given.model.force.drive().is_some())?,
+        };
+        let late = matches!(conditioning.velocity, VelocitySource::Backward | VelocitySource::Slope);
+        if late && !alone {
+            conditioning.velocity = VelocitySource::ThreePoint;
+            tracing::info!(
+                "the diagnosis and its model file take the velocity from three points; the base takes it later, which looks like a lag"
+            );
+        }
+        given.model.conditioning = conditioning;
+        Ok(Self { given: Some(Box::new(given)), structures, options: Options { conditioning, ..options } })
+    }
+
     /// How runs become rows.
     pub(super) fn conditioning(&self) -> &Conditioning {
-        match self {
-            Self::Model(base) => &base.model.conditioning,
-            Self::Structures(_, options) => &options.conditioning,
+        &self.options.conditioning
+    }
+
+    /// The diagnosis of `runs`: of the best of several bases, or of the given one alone.
+    ///
+    /// # Errors
+    /// Those of [`diagnose::close_any`].
+    pub(super) fn diagnose(
+        &self,
+        runs: &Runs,
+        settings: &Settings,
+        watch: &Watch,
+        stage: &dyn Fn(Stage),
+    ) -> Result<DiagnosisResult, mr_damper_model::Error> {
+        match (&self.given, self.structures.as_slice()) {
+            (Some(base), []) => diagnose::close(&base.model, runs, settings, watch, stage),
+            (given, structures) => {
+                let given = given.as_ref().map(|base| &base.model);
+                diagnose::close_any(
+                    &Bases { given, structures, options: &self.options },
+                    runs,
+                    settings,
+                    watch,
+                    stage,
+                )
+            }
         }
     }
 
     /// The base that `result` is about.
     pub(super) fn of_result(self, result: &DiagnosisResult) -> Identified {
-        match self {
-            Self::Model(base) => *base,
-            Self::Structures(structures, options) => Identified {
-                model: result.before,
-                source: format!("chosen among {} structures on the validation runs", structures.len()),
-                runs: Vec::new(),
-                restarts: options.restarts,
-            },
+        let chosen = result.structures.iter().find_map(|row| {
+            let fit = row.outcome.as_ref().ok().filter(|fit| fit.chosen)?;
+            (!row.given).then_some(fit)
+        });
+        match (self.given, chosen) {
+            (Some(given), None) => *given,
+            (given, chosen) => {
+                let beside =
+                    given.as_ref().map_or_else(String::new, |given| format!(", beside {}", given.source));
+                Identified {
+                    model: result.before,
+                    source: format!(
+                        "chosen among {} structures on the validation runs{beside}",
+                        result.structures.len()
+                    ),
+                    runs: given.map_or_else(Vec::new, |given| given.runs),
+                    restarts: chosen.map_or(0, |fit| fit.restarts),
+                }
+            }
         }
     }
 }
