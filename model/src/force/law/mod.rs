@@ -593,4 +593,6 @@ impl LawModel {
 }
 
 #[cfg(test)]
+mod gradient_cost;
+#[cfg(test)]
 mod tests;
