@@ -50,7 +50,7 @@ const STEPS: u32 = 8;
 const DIAGONAL: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
 
 /// Number of parameters.
-pub(super) const COUNT: usize = 9;
+const COUNT: usize = 9;
 
 pub(super) struct BoucWen;
 
@@ -105,7 +105,7 @@ impl Law for BoucWen {
 /// Computes one sample: the force, N, and `hidden` advanced. If an input is not finite, the force is NaN and
 /// `hidden` is unchanged; the next sample continues from it.
 #[inline]
-pub(super) fn step<D: Real>(p: &[D], inputs: &Inputs, hidden: &mut [D; MAX_HIDDEN]) -> D {
+fn step<D: Real>(p: &[D], inputs: &Inputs, hidden: &mut [D; MAX_HIDDEN]) -> D {
     let (x, v) = (inputs.displacement_m, D::from(inputs.velocity_m_s));
     if !(x.is_finite() && v.re().is_finite()) {
         return D::from(f64::NAN);

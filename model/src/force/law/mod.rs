@@ -593,6 +593,4 @@ impl LawModel {
 }
 
 #[cfg(test)]
-mod gradient_cost;
-#[cfg(test)]
 mod tests;

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 impl Scalar for Dual64 {}
 
 /// Realistic values of all parameters for a damper of 1 kN, 20 mm, 0.3 m/s and 5 m/s².
-pub(super) fn sensible(law: ForceLaw, share: &[f64]) -> Vec<f64> {
+fn sensible(law: ForceLaw, share: &[f64]) -> Vec<f64> {
     let size = |s: Scale| {
         1000f64.powi(s.force)
             * 0.02f64.powi(s.displacement)
