@@ -1,7 +1,7 @@
 //! A value with its derivatives in several directions at once, for the sensitivities of a law with memory.
 //!
-//! Without its linear algebra, `num-dual` has dual numbers with one direction, so that each parameter would
-//! need its own pass. Here all directions share one pass, including its powers and logarithms.
+//! All directions share one pass, including its powers and logarithms. The vector dual numbers of `num-dual` do the same, in three times
+//! the time (node/docs/decisions/0013-explicit-derivatives.md).
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

@@ -35,7 +35,7 @@ impl MemorylessLaw for Kwok {
     #[inline]
     fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
         let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-        p[0] * v + p[1] * x + p[2] * (p[3] * v + p[4] * sign(x)).bend()
+        p[0] * v + p[1] * x + p[2] * (p[3] * v + p[4] * sign(x)).tanh()
     }
 
     #[inline]

@@ -59,7 +59,7 @@ impl MemorylessLaw for Li {
         let Some(branch) = branch(inputs) else { return D::from(f64::NAN) };
         let p = &p[branch];
         let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-        p[0] * (p[1] * 0.5 * (-p[2] + v)).bend() + p[3] * v + p[4] * x
+        p[0] * (p[1] * 0.5 * (-p[2] + v)).tanh() + p[3] * v + p[4] * x
     }
 
     #[inline]

@@ -11,8 +11,8 @@
 //! **dependence**, one mechanism for every law: polynomials in the parameters (thesis 4.5) or fuzzy sets over
 //! the outputs (thesis 4.8).
 //!
-//! Every law has explicit derivatives with respect to its parameters. Tests compare them with automatic
-//! differentiation of the same equation.
+//! Every law has explicit derivatives with respect to its parameters, which take less time than dual numbers
+//! (node/docs/decisions/0013-explicit-derivatives.md). Tests compare them with dual numbers through the same equation.
 //!
 //! # One entry for each law
 //! The list in `laws!` below is the only place that names all laws. A line there is a file of this directory with its type. The type
@@ -29,22 +29,27 @@ use super::dependence::Dependence;
 use super::sets::MAX_FUNCTIONS;
 use super::tanh::tanh;
 use crate::error::Error;
-use jet::Jet;
-use num_dual::DualNum;
+use jet::{Jet, Real};
+#[cfg(test)]
+use num_dual::Dual64;
+use std::ops::Add;
 
-/// Number type of the equations: `f64`, or a dual number in tests of the derivatives.
-trait Scalar: DualNum<Primitive = f64> + Copy {
-    /// tanh: the fast one for `f64`, the library's for dual numbers.
-    #[inline]
-    fn bend(self) -> Self {
-        self.tanh()
-    }
+/// Number type of the laws without memory: `f64`, or a dual number in tests of the derivatives.
+trait Scalar: Real + Add<f64, Output = Self> {
+    /// tanh; for `f64`, the fast one of this crate and not the standard library's.
+    fn tanh(self) -> Self;
+    fn atan(self) -> Self;
 }
 
 impl Scalar for f64 {
     #[inline]
-    fn bend(self) -> Self {
+    fn tanh(self) -> Self {
         tanh(self)
+    }
+
+    #[inline]
+    fn atan(self) -> Self {
+        self.atan()
     }
 }
 
@@ -55,7 +60,7 @@ pub const MAX_COEFFICIENTS: usize = 160;
 /// Largest number of hidden variables of a law.
 pub const MAX_HIDDEN: usize = 3;
 
-/// A force law at one current. Tests that run every law on dual numbers use `on_duals`.
+/// A force law at one current.
 trait Law {
     /// The name, as in the contract.
     const NAME: &'static str;
@@ -73,9 +78,9 @@ trait Law {
     /// See [`ForceLaw::sensitivity`].
     fn sensitivity(p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> Sensitivity;
 
-    /// The force on dual numbers; `None` for a law with memory, whose sensitivities are compared with differences.
+    /// [`Law::force_n`] on dual numbers, for tests of the derivatives.
     #[cfg(test)]
-    fn on_duals(p: &[num_dual::Dual64], inputs: &Inputs) -> Option<num_dual::Dual64>;
+    fn on_duals(p: &[Dual64], inputs: &Inputs, hidden: &mut [Dual64; MAX_HIDDEN]) -> Dual64;
 }
 
 /// A force law whose force depends on the present sample only.
@@ -115,8 +120,8 @@ impl<L: MemorylessLaw> Law for L {
     }
 
     #[cfg(test)]
-    fn on_duals(p: &[num_dual::Dual64], inputs: &Inputs) -> Option<num_dual::Dual64> {
-        Some(L::force_n(p, inputs))
+    fn on_duals(p: &[Dual64], inputs: &Inputs, _: &mut [Dual64; MAX_HIDDEN]) -> Dual64 {
+        L::force_n(p, inputs)
     }
 }
 
@@ -250,11 +255,11 @@ macro_rules! laws {
                 }
             }
 
-            /// The law's own equation on dual numbers.
+            /// [`ForceLaw::force_n`] on dual numbers.
             #[cfg(test)]
-            fn on_duals(self, p: &[num_dual::Dual64], inputs: &Inputs) -> Option<num_dual::Dual64> {
+            fn on_duals(self, p: &[Dual64], inputs: &Inputs, hidden: &mut [Dual64; MAX_HIDDEN]) -> Dual64 {
                 match self {
-                    $(Self::$law => <$file::$law as Law>::on_duals(p, inputs),)+
+                    $(Self::$law => <$file::$law as Law>::on_duals(p, inputs, hidden),)+
                 }
             }
         }

@@ -36,7 +36,7 @@ impl MemorylessLaw for Sp {
     #[inline]
     fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
         let u = p[3] / p[4] * inputs.displacement_m + inputs.velocity_m_s;
-        p[0] * (p[2] * u).bend() + p[1] * u
+        p[0] * (p[2] * u).tanh() + p[1] * u
     }
 
     #[inline]
