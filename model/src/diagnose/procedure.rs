@@ -361,11 +361,7 @@ impl<'a> Procedure<'a> {
             let scores = score::scores(&round.joint, &self.confirm, &without, &settings)?;
             let Some(passed) = round.run(&without, &scores)?.passed else { continue };
             let (found, class) = (passed.effect, passed.class);
-            if found.id() == effect.id() {
-                if let Some((_, known)) = results.named.get_mut(effect.id()) {
-                    *known = class;
-                }
-            } else if passed.fitted.squares < current.squares {
+            if found != effect && passed.fitted.squares < current.squares {
                 let left = (without.squares - noise).max(f64::MIN_POSITIVE);
                 let share = |fitted: &Fitted| (without.squares - fitted.squares) / left;
                 let why = Refusal::OtherRemovesMore {
@@ -380,6 +376,8 @@ impl<'a> Procedure<'a> {
                 results.fits.push(passed.fitted.clone());
                 current = passed.fitted;
                 results.without = self.without_each(&current, &results.fits)?;
+            } else if let Some((_, known)) = results.named.get_mut(found.id()) {
+                *known = class;
             }
         }
         Ok(current)

@@ -249,15 +249,22 @@ impl Choice<'_> {
         chosen: &Diagnosed,
         others: &[(&'static str, &Diagnosed)],
     ) -> Result<DiagnosisResult, Error> {
-        let objection = |named: &NamedEffect| others.iter().find_map(|other| objection(named, *other));
-        let dependent: Vec<RefusedEffect> = (chosen.result.effects.iter())
-            .filter_map(|named| Some(RefusedEffect { effect: named.effect.effect(), why: objection(named)? }))
-            .collect();
-        if dependent.is_empty() {
-            return Ok(chosen.result.clone());
+        let (mut result, mut dependent) = (chosen.result.clone(), Vec::<RefusedEffect>::new());
+        // Without an effect that depends on the base, others may be found, which are checked in turn.
+        loop {
+            let alike = if dependent.is_empty() { Alike::ByClass } else { Alike::ById };
+            let objection = |named: &NamedEffect| {
+                let why = others.iter().find_map(|other| objection(named, *other, alike))?;
+                Some(RefusedEffect { effect: named.effect.effect(), why })
+            };
+            let more: Vec<RefusedEffect> = result.effects.iter().filter_map(objection).collect();
+            if more.is_empty() {
+                break;
+            }
+            dependent.extend(more);
+            let effects = self.settings.effects.without(dependent.iter().map(|refused| refused.effect.id()));
+            result = self.diagnose(&chosen.base, &Settings { effects, ..*self.settings })?;
         }
-        let effects = self.settings.effects.without(dependent.iter().map(|refused| refused.effect.id()));
-        let mut result = self.diagnose(&chosen.base, &Settings { effects, ..*self.settings })?;
         let excluded = |refused: &RefusedEffect| refused.why == Refusal::Excluded;
         result.untestable.retain(|refused| !(excluded(refused) && self.settings.effects.has(refused.effect)));
         result.refused.extend(dependent);
@@ -265,12 +272,27 @@ impl Choice<'_> {
     }
 }
 
+/// Which effects of two structures are the same.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Alike {
+    /// Those that have one id, or of which one is in the other's class.
+    ByClass,
+    /// Those that have one id. An effect that was found after another one was refused may have taken its place: the class of an effect of
+    /// the other structure must not confirm it.
+    ById,
+}
+
 /// Why `named` does not hold under another structure; `None` if it does.
-fn objection(named: &NamedEffect, (structure, other): (&'static str, &Diagnosed)) -> Option<Refusal> {
+fn objection(
+    named: &NamedEffect,
+    (structure, other): (&'static str, &Diagnosed),
+    alike: Alike,
+) -> Option<Refusal> {
     let id = named.effect.effect().id();
     let same = |theirs: &&NamedEffect| {
         let their_id = theirs.effect.effect().id();
-        their_id == id || named.class.contains(&their_id) || theirs.class.contains(&id)
+        let in_class = named.class.contains(&their_id) || theirs.class.contains(&id);
+        their_id == id || alike == Alike::ByClass && in_class
     };
     let Some(theirs) = other.result.effects.iter().find(same) else {
         return Some(Refusal::DependsOnBase { structure });
