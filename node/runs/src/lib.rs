@@ -43,6 +43,7 @@ mod mcap;
 mod mcap_write;
 mod metadata;
 mod names;
+mod note;
 mod pack;
 mod sqlite;
 mod sqlite_write;
@@ -54,8 +55,9 @@ mod wire;
 
 pub use bag_types::{BagOptions, Storage, Sync, Topic};
 pub use bag_write::{BagSummary, BagWriter, TopicId};
-pub use error::{MapFault, Note, RunError};
+pub use error::{MapFault, RunError};
 pub use map::{Map, MapError, MapFileError, Mapping};
+pub use note::Note;
 pub use whole::write_text;
 
 use hash::{Hash, HashingReader};

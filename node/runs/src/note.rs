@@ -1,0 +1,243 @@
+//! Notes on a run that was read.
+
+use super::map::flag;
+use std::fmt;
+use std::path::PathBuf;
+
+/// A fact that the user should know about a run that was read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Note {
+    /// Bad rows of a CSV file were dropped, as requested.
+    RowsSkipped {
+        /// Number of rows.
+        count: u64,
+        /// The faults of the first few.
+        first: Vec<String>,
+    },
+    /// Empty cells were read as "no sample of this channel at this time".
+    EmptyCells {
+        /// The column.
+        column: String,
+        /// Number of cells.
+        count: u64,
+    },
+    /// A column looks like a known quantity, but its unit is not known; it was carried through and not used.
+    UnitUnknown {
+        /// The column.
+        column: String,
+        /// The channel that it looks like.
+        channel: &'static str,
+        /// The known names of the quantity.
+        known: String,
+    },
+    /// A file of a bag ended early or was damaged; all messages before that were read.
+    CutShort {
+        /// The file.
+        path: PathBuf,
+        /// Byte offset of the first record that could not be read; for a database the end of the file.
+        offset: u64,
+        /// Number of messages read from the file, of all topics.
+        messages: u64,
+        /// The fault at that offset.
+        why: String,
+    },
+    /// A damaged chunk was skipped; the data after it were read.
+    ChunkDamaged {
+        /// The file.
+        path: PathBuf,
+        /// Byte offset of the chunk.
+        offset: u64,
+        /// The fault.
+        why: String,
+    },
+    /// Rows of a damaged database were skipped.
+    RowsDamaged {
+        /// The file.
+        path: PathBuf,
+        /// Id of the first message that could not be read; `None` for rows that are not messages.
+        first: Option<i64>,
+        /// Id of the last one; `None` if no later message could be read.
+        last: Option<i64>,
+        /// The fault.
+        why: String,
+    },
+    /// One of several files is not a file of a bag; the others were read.
+    FileLeft {
+        /// The file, and the reason.
+        why: String,
+    },
+    /// A compressed file ended early or was damaged; the content before that was read.
+    PackedCutShort {
+        /// The file.
+        path: PathBuf,
+        /// Number of unpacked bytes.
+        bytes: u64,
+        /// The fault.
+        why: String,
+    },
+    /// The recorder of a database was killed and left a journal, which was read too.
+    Journal {
+        /// The database.
+        path: PathBuf,
+        /// The suffix of the journal's name.
+        journal: &'static str,
+    },
+    /// Messages that could not be decoded were dropped.
+    Undecodable {
+        /// The topic.
+        topic: String,
+        /// Number of messages.
+        count: u64,
+        /// The fault of the first message.
+        first: String,
+    },
+    /// Messages with NaN or infinite values were dropped.
+    NotFinite {
+        /// The topic.
+        topic: String,
+        /// Number of messages.
+        count: u64,
+    },
+    /// Messages whose stamp is not after the previous stamp were dropped.
+    NotIncreasing {
+        /// The topic.
+        topic: String,
+        /// Number of messages.
+        count: u64,
+    },
+    /// Messages without a stamp were given their recording time.
+    Unstamped {
+        /// The topic.
+        topic: String,
+        /// Number of messages.
+        count: u64,
+    },
+    /// Topics of the bag that do not belong to the run.
+    TopicsLeft {
+        /// Their names.
+        topics: Vec<String>,
+    },
+    /// Topics that were read by their names, although displacement is mapped.
+    TakenByName {
+        /// Topic and channel of each.
+        topics: Vec<String>,
+    },
+    /// No axis was given for a vector.
+    AxisTaken {
+        /// The topic.
+        topic: String,
+        /// The axis that was read.
+        axis: String,
+    },
+    /// Force or drive are missing, and a topic of the bag may hold them.
+    CouldServe {
+        /// The flags that would map them.
+        lines: Vec<String>,
+    },
+    /// No unit was given for a mapped column.
+    UnitTaken {
+        /// The column.
+        column: String,
+        /// The unit that was assumed.
+        unit: &'static str,
+        /// True if the unit is in the column's name.
+        by_name: bool,
+    },
+    /// A column has the name of a channel that is mapped to another column.
+    ColumnReplaced {
+        /// The column.
+        column: String,
+        /// The channel.
+        channel: &'static str,
+    },
+    /// The bag has no `metadata.yaml`, because the recorder was killed. Its files were read in the order of their names.
+    NoMetadata {
+        /// The bag.
+        path: PathBuf,
+    },
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::RowsSkipped { count, first } => {
+                write!(f, "{count} bad rows skipped; the first: {}", first.join(" | "))
+            }
+            Self::EmptyCells { column, count } => {
+                write!(f, "column `{column}`: {count} empty cells taken as no sample")
+            }
+            Self::UnitUnknown { column, channel, known } => {
+                write!(
+                    f,
+                    "column `{column}` is carried through but not used: known names are {known}; or say its \
+                     unit, as in {}",
+                    flag(channel, &format!("{column},unit=UNIT"))
+                )
+            }
+            Self::CutShort { path, offset, messages, why } => {
+                write!(f, "{}: read up to byte {offset}, {messages} messages; there: {why}", path.display())
+            }
+            Self::ChunkDamaged { path, offset, why } => {
+                write!(f, "{}: chunk at byte {offset} left out: {why}", path.display())
+            }
+            Self::RowsDamaged { path, first: None, why, .. } => {
+                write!(f, "{}: damaged, and read as far as possible: {why}", path.display())
+            }
+            Self::RowsDamaged { path, first: Some(first), last: Some(last), why } => {
+                write!(f, "{}: messages {first} to {last} left out: {why}", path.display())
+            }
+            Self::RowsDamaged { path, first: Some(first), last: None, why } => {
+                write!(f, "{}: messages from {first} on left out: {why}", path.display())
+            }
+            Self::FileLeft { why } => write!(f, "left out: {why}"),
+            Self::PackedCutShort { path, bytes, why } => {
+                write!(f, "{}: unpacked up to byte {bytes} of its content; there: {why}", path.display())
+            }
+            Self::Journal { path, journal } => write!(
+                f,
+                "{0}: its recorder left {0}{journal} (recording cut off, or still running?), which was read too",
+                path.display()
+            ),
+            Self::Undecodable { topic, count, first } => {
+                write!(f, "topic {topic}: {count} messages could not be decoded; the first: {first}")
+            }
+            Self::NotFinite { topic, count } => {
+                write!(f, "topic {topic}: {count} messages with NaN or infinite values dropped")
+            }
+            Self::NotIncreasing { topic, count } => {
+                write!(f, "topic {topic}: {count} messages dropped whose stamp is not after the one before")
+            }
+            Self::Unstamped { topic, count } => {
+                write!(f, "topic {topic}: {count} messages without a stamp took their recording time")
+            }
+            Self::TopicsLeft { topics } => {
+                write!(f, "not part of the run: {}", topics.join(", "))
+            }
+            Self::TakenByName { topics } => {
+                write!(f, "read by name, without a map: {}", topics.join(", "))
+            }
+            Self::AxisTaken { topic, axis } => {
+                write!(f, "topic {topic}: axis {axis} was taken; name another one as in {topic}:x")
+            }
+            Self::CouldServe { lines } => write!(f, "missing channels may be read with {}", lines.join(" ")),
+            Self::UnitTaken { column, unit, by_name: true } => {
+                write!(f, "column `{column}` is read in {unit}, by its name; give unit=... if that is wrong")
+            }
+            Self::UnitTaken { column, unit, by_name: false } => {
+                write!(
+                    f,
+                    "column `{column}` is read in {unit}, as its name has no unit; give unit=... if that is wrong"
+                )
+            }
+            Self::ColumnReplaced { column, channel } => {
+                write!(f, "column `{column}` is left out, because {channel} is mapped to another one")
+            }
+            Self::NoMetadata { path } => write!(
+                f,
+                "{}: no metadata.yaml (recording cut off?); its files were read in order of name",
+                path.display()
+            ),
+        }
+    }
+}
