@@ -1,7 +1,9 @@
 //! Errors of the service. Each message says what went wrong, where, and what to do.
 
+mod part;
 mod request;
 
+pub use part::PartError;
 pub use request::RequestError;
 
 use mr_damper_base::disk::advice;
@@ -110,9 +112,18 @@ pub enum NodeError {
     /// The work was interrupted.
     #[error("interrupted")]
     Interrupted,
+    /// An error that a part of the service or a command defines beside the code that raises it.
+    #[error(transparent)]
+    Part(Box<dyn PartError>),
     /// The work failed; the text is the message.
     #[error("{0}")]
     Failed(String),
+}
+
+impl<E: PartError> From<E> for NodeError {
+    fn from(error: E) -> Self {
+        Self::Part(Box::new(error))
+    }
 }
 
 impl From<mr_damper_model::Error> for NodeError {
@@ -131,9 +142,20 @@ impl NodeError {
     pub fn reason(&self) -> Option<serde_json::Value> {
         match self {
             Self::Model(error) => serde_json::to_value(error).ok(),
+            Self::Part(error) => error.reason(),
             Self::OnHistory { error, .. } => serde_json::to_value(error).ok(),
             Self::Goal { reason, .. } => reason.clone(),
             Self::Damper { why, .. } => why.reason(),
+            _ => None,
+        }
+    }
+
+    /// The error of a part, if it is of type `E`.
+    #[must_use]
+    pub fn part<E: PartError>(&self) -> Option<&E> {
+        match self {
+            Self::Part(error) => (error.as_ref() as &dyn std::error::Error).downcast_ref(),
+            Self::Damper { why, .. } => why.part(),
             _ => None,
         }
     }
@@ -142,5 +164,37 @@ impl NodeError {
     pub fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Self {
         let what = what.into();
         move |source| Self::Io { what, source }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::error::Error;
+
+    #[derive(Debug, PartialEq, Error)]
+    #[error("part {id} failed: {cause}")]
+    struct PartFailed {
+        id: u8,
+        #[source]
+        cause: std::fmt::Error,
+    }
+
+    impl PartError for PartFailed {
+        fn reason(&self) -> Option<serde_json::Value> {
+            Some(serde_json::json!({ "id": self.id }))
+        }
+    }
+
+    #[test]
+    fn the_error_of_a_part_keeps_its_sentence_cause_reason_and_type() {
+        let part = || PartFailed { id: 7, cause: std::fmt::Error };
+        let error = NodeError::from(part());
+        assert_eq!(error.to_string(), part().to_string());
+        assert!(error.source().is_some_and(|cause| cause.is::<std::fmt::Error>()), "{error:?}");
+        let of_damper = NodeError::Damper { name: "front_left".to_owned(), why: Box::new(error) };
+        assert_eq!(of_damper.part(), Some(&part()));
+        assert_eq!(of_damper.reason(), Some(serde_json::json!({ "id": 7 })));
+        assert_eq!(NodeError::Interrupted.part::<PartFailed>(), None);
     }
 }
