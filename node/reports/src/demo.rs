@@ -1,7 +1,7 @@
 //! The demo's HTML report: the service's output for one run.
 
 use super::correlate;
-use super::demo_diagnosis::{self, DemoDiagnosis};
+use super::demo_diagnosis::{self, DemoDiagnosis, NoDiagnosis};
 use super::page::{capital, page, section};
 use super::panels::{force_over_velocity, residual_panels, whole_run, with_breaks};
 use super::plot::{Band, Ink, Plot, Series, Shape};
@@ -66,7 +66,7 @@ pub struct DemoOutcome {
     /// Whether live and offline figures agree.
     pub agreement: Option<Agreement>,
     /// Result of the diagnosis, or why there was none.
-    pub diagnosis: Option<Result<DemoDiagnosis, String>>,
+    pub diagnosis: Option<Result<DemoDiagnosis, NoDiagnosis>>,
     /// Remarks below the figures.
     pub notes: Vec<String>,
     /// Names and values of the message counters.

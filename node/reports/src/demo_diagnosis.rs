@@ -31,6 +31,14 @@ pub struct DemoDiagnosis {
     pub swap: Option<ModelSwap>,
 }
 
+/// The reason why the demo has no diagnosis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum NoDiagnosis {
+    /// The user ended the demo while it played the first run.
+    #[error("The demo was ended before the diagnosis.")]
+    EndedEarly,
+}
+
 /// The swap to the augmented model in the running service.
 #[derive(Debug, Clone)]
 pub struct ModelSwap {

@@ -61,7 +61,7 @@ pub fn text(outcome: &DemoOutcome) -> String {
         let _ = writeln!(text, "\ndiagnosis and model augmentation");
         match result {
             Ok(found) => text += &demo_diagnosis::text(found),
-            Err(why) => diagnosis::paragraph(&mut text, 2, why),
+            Err(why) => diagnosis::paragraph(&mut text, 2, &why.to_string()),
         }
     }
     text

@@ -25,7 +25,7 @@ use mr_damper_model::metrics::Fit;
 use mr_damper_model::pipeline::{Cause, Models, Pipeline, Settings};
 use mr_damper_model::sample::{Run, Trace};
 use mr_damper_reports::demo::{self as report, WITHOUT_FORCE};
-use mr_damper_reports::demo_diagnosis::{DemoDiagnosis, ModelSwap};
+use mr_damper_reports::demo_diagnosis::{DemoDiagnosis, ModelSwap, NoDiagnosis};
 use mr_damper_reports::{Agreement, DemoOutcome, Figure, Recording, summary};
 use mr_damper_runs::write_text;
 use mr_damper_views::live::RunInfo;
@@ -35,10 +35,12 @@ use std::time::Instant;
 
 mod damper;
 mod diagnosis;
+mod error;
 mod live_node;
 
 use damper::Purpose;
 use diagnosis::FreshRuns;
+use error::DemoError;
 use live_node::{LiveNode, RunObservations};
 
 /// Default ROS domain of the demo: one that real dampers are unlikely to use.
@@ -122,12 +124,10 @@ fn run_demo(args: &Args, context: &CliContext) -> Result<DemoOutcome, NodeError>
     let path = write_report(&act.dir, &act.played, &outcome)?;
     println!("report: {}", shown::line(&path.display().to_string()));
     match outcome.agreement {
-        Some(agreement @ Agreement::Differs(_)) => Err(NodeError::Failed(format!(
-            "{}; please report it with seed {} and {} s",
-            agreement.text(),
-            args.seed,
-            args.seconds
-        ))),
+        Some(agreement @ Agreement::Differs(_)) => {
+            let Args { seed, seconds, .. } = *args;
+            Err(DemoError::FiguresDiffer { agreement, seed, seconds }.into())
+        }
         _ => Ok(outcome),
     }
 }
@@ -151,7 +151,7 @@ struct Demo {
 struct DemoRuns {
     before: RunObservations,
     /// The diagnosis, or the reason why there was none.
-    diagnosis: Result<DemoDiagnosis, String>,
+    diagnosis: Result<DemoDiagnosis, NoDiagnosis>,
     /// The run with the new model: what was observed, and the same run stepped without ROS.
     after: Option<(RunObservations, Recording)>,
 }
@@ -209,10 +209,9 @@ impl Demo {
         context: &CliContext,
     ) -> Result<DemoRuns, NodeError> {
         let before = live.play(&self.played, self.info(&self.played, &self.names.free)?)?;
-        let fresh = fresh.join().map_err(|_| NodeError::Failed("the rig's thread died".to_owned()))??;
+        let fresh = fresh.join().map_err(|_| DemoError::RigThreadDied)??;
         if before.ended_early {
-            let why = "The demo was ended before the diagnosis.".to_owned();
-            return Ok(DemoRuns { before, diagnosis: Err(why), after: None });
+            return Ok(DemoRuns { before, diagnosis: Err(NoDiagnosis::EndedEarly), after: None });
         }
         println!("\ndiagnosis: which effect does the model lack?");
         let path = self.dir.join("model+.toml");

@@ -4,9 +4,9 @@ use crate::commands::context::CliContext;
 use crate::nodes::damper_node::DDS_THREAD;
 use crate::nodes::fleet::Fleet;
 use crate::process::hardened;
-use crate::ros2::participant::{self, DEAF};
+use crate::ros2::participant::{self, DdsThreadEnded};
 use crate::settings::config::{self, ParameterFlags};
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use crate::watchdogs::memory;
 use mr_damper_base::shown;
 use std::path::PathBuf;
@@ -65,11 +65,11 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         if let Err(outgrown) = memory::check(dampers.len()) {
             // An orderly stop would wait for the thread that takes the memory. The end of the process closes everything.
             std::mem::forget(fleet);
-            return Err(outgrown);
+            return Err(outgrown.into());
         }
-        dead = fleet.dead_thread().map(|(damper, thread)| died(thread, damper));
+        dead = fleet.dead_thread().map(|(damper, thread)| DeadThread::of(thread, damper));
         if let Some(died) = &dead {
-            end_at_last(died.clone())?;
+            end_at_last(died)?;
             break;
         }
     }
@@ -90,23 +90,47 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             "the node has ended"
         );
     }
-    dead.map_or(ended, |died| Err(NodeError::Failed(died)))
-}
-
-fn died(thread: &str, damper: &str) -> String {
-    if thread == DDS_THREAD {
-        return format!("{DEAF}; restart the node");
+    match dead {
+        Some(died) => Err(died.into()),
+        None => Ok(ended?),
     }
-    format!(
-        "the {thread} thread of {damper} has died; the log above says why. Please report it, and restart the node"
-    )
 }
 
-/// Ends the process with exit code 1 and the message `words` if the orderly stop takes too long.
-fn end_at_last(words: String) -> Result<(), NodeError> {
+/// A thread has died, so the node has ended.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+enum DeadThread {
+    /// A thread of the DDS library.
+    #[error(transparent)]
+    OfDds(#[from] DdsThreadEnded),
+    /// A thread of a damper's service.
+    #[error(
+        "the {thread} thread of {damper} has died; the log above says why. Please report it, and restart the node"
+    )]
+    OfService {
+        /// Name of the thread.
+        thread: &'static str,
+        /// Name of the damper.
+        damper: String,
+    },
+}
+
+impl DeadThread {
+    fn of(thread: &'static str, damper: &str) -> Self {
+        if thread == DDS_THREAD {
+            Self::OfDds(DdsThreadEnded)
+        } else {
+            Self::OfService { thread, damper: damper.to_owned() }
+        }
+    }
+}
+
+impl PartError for DeadThread {}
+
+/// Ends the process with exit code 1 and the message of `died` if the orderly stop takes too long.
+fn end_at_last(died: &DeadThread) -> Result<(), NodeError> {
+    let words = format!("{died} (its other threads did not end within {} s)", LAST_WORDS.as_secs());
     let ending = std::thread::Builder::new().name("ending".to_owned()).spawn(move || {
         std::thread::sleep(LAST_WORDS);
-        let words = format!("{words} (its other threads did not end within {} s)", LAST_WORDS.as_secs());
         eprintln!("{}", shown::error(&words));
         std::process::exit(1);
     });

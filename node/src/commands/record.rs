@@ -5,7 +5,7 @@ use crate::commands::context::CliContext;
 use crate::process::files;
 use crate::ros2::participant::{self, Ros};
 use crate::settings::config::{Config, RosArgs};
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_base::clock::system_now;
 use mr_damper_base::shown;
@@ -126,15 +126,25 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         eprintln!("{}", shown::line(&text));
     }
     if recorded.of_dampers == 0 {
-        return Err(NodeError::Failed(format!(
-            "no message of a damper came in namespace {} or below it ({reach}), so the bag holds none. Is `mr-damper node` or \
-             a sensor running there? Set the domain with ROS_DOMAIN_ID or --domain-id, the namespace with --ros-args \
-             -r __ns:=/vehicle",
-            ros_args.namespace()
-        )));
+        return Err(NothingRecorded { namespace: ros_args.namespace(), reach }.into());
     }
     Ok(())
 }
+
+/// No message of a damper was recorded.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "no message of a damper came in namespace {namespace} or below it ({reach}), so the bag holds none. Is `mr-damper node` or a \
+     sensor running there? Set the domain with ROS_DOMAIN_ID or --domain-id, the namespace with --ros-args -r __ns:=/vehicle"
+)]
+struct NothingRecorded {
+    /// The namespace that was watched.
+    namespace: String,
+    /// Domain and discovery range, in words.
+    reach: String,
+}
+
+impl PartError for NothingRecorded {}
 
 /// Numbers of messages so far.
 #[derive(Debug, Default)]
@@ -223,7 +233,7 @@ impl Taps {
         recorded.of_dampers += recorded.messages - before;
         self.shared.iter().try_for_each(|tap| tap.drain(bag, recorded))?;
         bag.flush_if_due()?;
-        self.ros.check()
+        Ok(self.ros.check()?)
     }
 
     fn of_dampers(&self) -> impl Iterator<Item = &Box<dyn Tap>> {

@@ -135,10 +135,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     std::thread::sleep(Duration::from_millis(200));
     player.stop();
     tracing::info!(samples = played.samples, failed = played.failed, "played");
-    if played.failed > 0 {
-        return Err(NodeError::Failed(format!("the middleware did not accept {} samples", played.failed)));
-    }
-    Ok(())
+    Ok(played.check()?)
 }
 
 fn progress(run: &Run, options: &PlaybackOptions, quiet: bool) -> ProgressBar {

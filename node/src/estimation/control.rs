@@ -3,6 +3,10 @@
 //! Changes are checked here, under one lock. They reach the estimating thread through its command ring, in the order in
 //! which they were accepted. A command on the ring cannot fail.
 
+mod error;
+
+pub use error::{Awaited, ControlError};
+
 use crate::estimation::estimator::{Estimator, EstimatorCounters, PipelineCommand};
 use crate::estimation::lifecycle::{LifecycleState, Transition};
 use crate::estimation::models;
@@ -155,13 +159,13 @@ impl Control {
             }
             Transition::Cleanup => None,
             Transition::Activate => {
-                let models = state.models.ok_or_else(|| NodeError::Failed("there is no model".to_owned()))?;
+                let models = state.models.ok_or(RequestError::NoModel)?;
                 self.send(&[PipelineCommand::Begin(*setup(&state.config, &models)?.1)])?
             }
             Transition::Deactivate | Transition::Shutdown => self.send(&[PipelineCommand::End])?,
         };
         if let Some((place, counters)) = place {
-            await_executed(place, &counters, "carried out the transition")?;
+            await_executed(place, &counters, Awaited::Transition)?;
         }
         if matches!(to, LifecycleState::Unconfigured | LifecycleState::Finalized) {
             state.models = None;
@@ -191,7 +195,9 @@ impl Control {
         if lifecycle != LifecycleState::Active {
             return Err(RequestError::NothingToReset { state: lifecycle.name() }.into());
         }
-        self.send(&[PipelineCommand::Reset]).map(|_| tracing::info!("reset"))
+        self.send(&[PipelineCommand::Reset])?;
+        tracing::info!("reset");
+        Ok(())
     }
 
     /// Takes the time `stamp` from `/clock`. If it went back, the history is cleared, because it belongs to another
@@ -230,15 +236,11 @@ impl Control {
         // From here until the command is in the ring, nothing else may change.
         let mut state = lock(&self.state);
         let Some(running) = state.models else {
-            return Err(NodeError::Failed(format!(
-                "the node is {}: set the parameter model to {name}, and configure it",
-                state.lifecycle.name()
-            )));
+            let state = state.lifecycle.name();
+            return Err(ControlError::NotConfigured { state, model: name.to_owned() }.into());
         };
         if made_from.is_some_and(|model| *model != running.free) {
-            return Err(NodeError::Failed(format!(
-                "another model was loaded meanwhile, but {name} was made from the previous one"
-            )));
+            return Err(ControlError::Replaced { model: name.to_owned() }.into());
         }
         let before = read(&self.names);
         let models = models::succeeding(models, &running)?;
@@ -255,8 +257,8 @@ impl Control {
             None
         };
         (state.config, state.models) = (config, Some(models));
-        let executed = place
-            .map_or(Ok(()), |(place, counters)| await_executed(place, &counters, "swapped the model in"));
+        let executed =
+            place.map_or(Ok(()), |(place, counters)| await_executed(place, &counters, Awaited::Swap));
         // Also after a timeout, because the thread takes the model as soon as it continues. The names change before another
         // model can be loaded, so they always belong to the last one.
         self.runs_on(Some(&models), now.clone());
@@ -283,12 +285,15 @@ impl Control {
     }
 
     /// Puts all commands into the ring, or none, and returns the position of the last one; `None` before the thread has started.
-    fn send(&self, commands: &[PipelineCommand]) -> Result<Option<(u64, Arc<EstimatorCounters>)>, NodeError> {
+    fn send(
+        &self,
+        commands: &[PipelineCommand],
+    ) -> Result<Option<(u64, Arc<EstimatorCounters>)>, ControlError> {
         let mut estimator = lock(&self.estimator);
         let Some(estimator) = estimator.as_mut() else { return Ok(None) };
         match estimator.command(commands) {
             Some(place) => Ok(Some((place, estimator.counters()))),
-            None => Err(NodeError::Failed("too many changes at once; try again".to_owned())),
+            None => Err(ControlError::TooManyChanges),
         }
     }
 
@@ -367,15 +372,12 @@ fn setup(config: &Config, models: &Models) -> Result<(Settings, Box<PipelineSetu
     Ok((settings, Box::new(PipelineSetup::new(*models, settings)?)))
 }
 
-/// Waits until the estimating thread has executed the command at `place`. `what` completes "the estimating thread has not ...".
-fn await_executed(place: u64, counters: &EstimatorCounters, what: &str) -> Result<(), NodeError> {
+/// Waits until the estimating thread has executed the command at `place`, which does `work`.
+fn await_executed(place: u64, counters: &EstimatorCounters, work: Awaited) -> Result<(), ControlError> {
     let deadline = Instant::now() + SWAP_TIMEOUT;
     while counters.executed.load(Ordering::Acquire) < place {
         if Instant::now() >= deadline {
-            return Err(NodeError::Failed(format!(
-                "the estimating thread has not {what} after {} s; see the log, and restart the node",
-                SWAP_TIMEOUT.as_secs()
-            )));
+            return Err(ControlError::NotExecuted { work, within_s: SWAP_TIMEOUT.as_secs() });
         }
         std::thread::sleep(Duration::from_millis(1));
     }
@@ -467,6 +469,19 @@ mod tests {
         control.detach().expect("it was attached").stop().expect("no panic");
     }
 
+    #[test]
+    fn a_model_is_loaded_only_over_the_model_that_it_was_made_from() {
+        let (control, name) = (configured(), "thesis/fuzzy-tanh/rp1-cs");
+        let made_from = control.models().expect("it is configured").free;
+        control.load_model_over(name, &made_from).expect("it is the running model");
+        let error = control.load_model_over(name, &made_from).expect_err("another model runs");
+        assert_eq!(error.part(), Some(&ControlError::Replaced { model: name.to_owned() }));
+        control.change_state(Transition::Cleanup).expect("it is inactive");
+        let error = control.load_model(name).expect_err("it is not configured");
+        let unconfigured = ControlError::NotConfigured { state: "unconfigured", model: name.to_owned() };
+        assert_eq!(error.part(), Some(&unconfigured));
+    }
+
     /// An active service whose estimating thread hangs.
     fn hung() -> Control {
         let control = configured();
@@ -504,7 +519,7 @@ mod tests {
         }
         let before = control.config();
         let refused = control.set_parameters(&[("use_sim_time", Value::Bool(true)), coast(0.7)]);
-        assert!(refused.expect_err("no room").to_string().contains("too many changes"));
+        assert_eq!(refused.expect_err("no room").part(), Some(&ControlError::TooManyChanges));
         assert_eq!(control.config(), before);
         assert!(!control.clock().is_simulated());
         control.set_parameters(&[coast(0.7)]).expect("there is room for one");

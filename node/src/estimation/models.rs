@@ -2,12 +2,13 @@
 
 use crate::estimation::wire::ModelNames;
 use crate::settings::config::Config;
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use mr_damper_model::force::ForceModel;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::Models;
 use mr_damper_model::preset;
+use mr_damper_model::sample::DriveKind;
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{self, Read, Seek};
@@ -118,11 +119,26 @@ pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
     Ok((models, names))
 }
 
+/// A new model needs another drive than the node's input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the model needs {needed}, but the node's input is {fed}; load a model that was identified on {fed}, or start another node for \
+     this one"
+)]
+pub struct OtherDrive {
+    /// The drive of the new model.
+    pub needed: DriveKind,
+    /// The drive of the running model.
+    pub fed: DriveKind,
+}
+
+impl PartError for OtherDrive {}
+
 /// The models after `next` was loaded on a node that runs `running`. If `next` has no ARX model, the running one stays,
 /// because the damper is the same.
 ///
 /// # Errors
-/// When `next` needs another drive than the node's input.
+/// [`OtherDrive`]; when the two models do not fit together.
 pub fn succeeding(next: Models, running: &Models) -> Result<Models, NodeError> {
     let drive = |models: &Models| {
         models.free.force.drive().or_else(|| models.seeded.and_then(|seeded| seeded.force.drive()))
@@ -130,10 +146,7 @@ pub fn succeeding(next: Models, running: &Models) -> Result<Models, NodeError> {
     if let (Some(needed), Some(fed)) = (drive(&next), drive(running))
         && needed != fed
     {
-        return Err(NodeError::Failed(format!(
-            "the model needs {needed}, but the node's input is {fed}; load a model that was identified on {fed}, or \
-             start another node for this one"
-        )));
+        return Err(OtherDrive { needed, fed }.into());
     }
     Ok(match (next.seeded, running.seeded) {
         (None, Some(seeded)) => next.with_seeded(seeded)?,

@@ -23,7 +23,7 @@ use crate::process::panics;
 use crate::ros2::participant::{self, Domain, Ros};
 use crate::ros2::rosout::Rosout;
 use crate::settings::config::{Config, RosArgs, rmw, zenoh_config};
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use crate::streams::sink::ros_sink::{EventReceivers, RosSink};
 use crate::streams::sink::zenoh::{Damper, Mirror, RmwPresence};
 use crate::streams::source;
@@ -288,8 +288,8 @@ impl DamperNode {
     /// sinks; then the node, so that peers are informed at once.
     ///
     /// # Errors
-    /// [`NodeError::Failed`] naming the threads that had panicked.
-    pub fn stop(self) -> Result<(), NodeError> {
+    /// [`ThreadsPanicked`].
+    pub fn stop(self) -> Result<(), ThreadsPanicked> {
         let mut panicked = Vec::new();
         let mut note = |name: &'static str, ended: std::thread::Result<()>| {
             if ended.is_err() {
@@ -315,13 +315,19 @@ impl DamperNode {
             drop(link);
         }
         self.ros.stop();
-        if panicked.is_empty() {
-            Ok(())
-        } else {
-            Err(NodeError::Failed(format!("threads had panicked: {}", panicked.join(", "))))
-        }
+        if panicked.is_empty() { Ok(()) } else { Err(ThreadsPanicked { threads: panicked }) }
     }
 }
+
+/// Threads of a service had panicked before it was stopped.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("threads of the node had panicked: {}; the log shows where. Please report this as a bug", threads.join(", "))]
+pub struct ThreadsPanicked {
+    /// Names of the threads.
+    pub threads: Vec<&'static str>,
+}
+
+impl PartError for ThreadsPanicked {}
 
 /// The damper's presence for nodes on rmw_zenoh, if enabled.
 fn rmw_presence(

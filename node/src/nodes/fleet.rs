@@ -3,7 +3,7 @@
 //! They share one participant in the ROS domain and one Zenoh session. They share no path for samples: each damper has
 //! its own topics, rings and threads, so that the input of one never reaches another.
 
-use crate::nodes::damper_node::{DamperNode, Process};
+use crate::nodes::damper_node::{DamperNode, Process, ThreadsPanicked};
 use crate::process::files;
 use crate::ros2::rosout;
 use crate::settings::config::Damper;
@@ -59,7 +59,7 @@ impl Fleet {
     ///
     /// # Errors
     /// The first error of a service that had panicked.
-    pub fn stop(self) -> Result<(), NodeError> {
+    pub fn stop(self) -> Result<(), ThreadsPanicked> {
         let ended: Vec<_> = self.services.into_iter().map(|(_, service)| service.stop()).collect();
         ended.into_iter().collect()
     }

@@ -1,5 +1,9 @@
 //! A client of the action `close_loop`: it lets a running node diagnose its model. The command and the web page use it.
 
+mod error;
+
+pub use error::CloseLoopError;
+
 use crate::ros2::participant::{self, ActionClientOf, Ros, RosMessage};
 use crate::settings::config::{Config, RosArgs};
 use crate::settings::error::NodeError;
@@ -31,8 +35,8 @@ const ALIVE_EVERY: Duration = Duration::from_secs(1);
 /// approximate progress, from 0 to 1.
 ///
 /// # Errors
-/// When no node answers, or the goal is rejected or fails; [`NodeError::Interrupted`], with the goal cancelled, once
-/// `interrupt` is raised.
+/// [`CloseLoopError`] when no node answers, or the goal is rejected or fails; [`NodeError::Interrupted`], with the goal
+/// cancelled, once `interrupt` is raised.
 pub fn diagnose(
     config: &Config,
     args: &RosArgs,
@@ -80,14 +84,13 @@ impl CloseLoopClient<'_> {
     fn find(&self, config: &Config) -> Result<(), NodeError> {
         match self.poll(FIND, || Ok(self.ros.reaches(self.client).then_some(())))? {
             Some(_) => Ok(()),
-            None => Err(NodeError::Failed(format!(
-                "no node answered {} in {} within {} s. Check that `mr-damper node` runs there. Set its domain with \
-                 ROS_DOMAIN_ID or --domain-id, and its namespace with --ros-args -r __ns:=/front_left (now {})",
-                self.action,
-                participant::reach(config)?,
-                FIND.as_secs(),
-                self.args.namespace()
-            ))),
+            None => Err(CloseLoopError::NoNode {
+                action: self.action.to_owned(),
+                reach: participant::reach(config)?,
+                within_s: FIND.as_secs(),
+                namespace: self.args.namespace(),
+            }
+            .into()),
         }
     }
 
@@ -100,36 +103,28 @@ impl CloseLoopClient<'_> {
             answer.map_err(|error| self.failed("reading the answer to the goal", &error))
         });
         let answer = answer.inspect_err(|_| self.cancel(goal))?;
+        let action = self.action.to_owned();
         match answer {
             Some(answer) if answer.accepted => {}
-            Some(_) => {
-                return Err(NodeError::Failed(format!(
-                    "{} rejects the goal: it executes one goal at a time, so wait for the present one, or cancel it. The \
-                     node's log has the reason",
-                    self.action
-                )));
-            }
+            Some(_) => return Err(CloseLoopError::Rejected { action }.into()),
             None => {
                 self.cancel(goal);
-                return Err(NodeError::Failed(format!(
-                    "{} did not answer within {} s; the node's log may have the reason",
-                    self.action,
-                    ACCEPT.as_secs()
-                )));
+                return Err(CloseLoopError::NoAnswer { action, within_s: ACCEPT.as_secs() }.into());
             }
         }
-        let result = self.result(goal).inspect_err(|_| self.cancel(goal))?.ok_or_else(|| {
-            NodeError::Failed(format!("the node of {} disappeared while it executed the goal", self.action))
-        })?;
+        let Some(result) = self.result(goal).inspect_err(|_| self.cancel(goal))? else {
+            return Err(CloseLoopError::NodeGone { action }.into());
+        };
         let report: Value = serde_json::from_str(&result.report)
             .map_err(|error| self.failed("reading the report", &error))?;
         match report["error"].as_str() {
             None if result.success => Ok(report),
-            error => Err(NodeError::Goal {
-                action: self.action.to_owned(),
+            error => Err(CloseLoopError::Failed {
+                action,
                 error: error.map(str::to_owned),
                 reason: report.get("reason").filter(|reason| !reason.is_null()).cloned(),
-            }),
+            }
+            .into()),
         }
     }
 

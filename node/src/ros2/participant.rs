@@ -16,7 +16,7 @@ use crate::ros2::graph::Endpoints;
 use crate::ros2::lagging_readers::{LocalWriter, WINDOW};
 use crate::settings::config::qos::{End, Overrides};
 use crate::settings::config::{Config, RosArgs};
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::{Action, Message, Service};
 use ros2_client::action::{
@@ -50,9 +50,15 @@ const SERVICE_DEPTH: usize = 10;
 /// Log lines that late joiners get. Other nodes have 1000; fewer are kept here because they stay in memory.
 const LOG_DEPTH: usize = 100;
 
-/// The message for the case that a thread of the DDS library has ended.
-pub const DEAF: &str = "a thread of the DDS library has ended, so nothing is received or sent any more; this happens when a process is \
-     stopped and continued (Ctrl-Z and fg, SIGSTOP, a debugger)";
+/// A thread of the DDS library has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "a thread of the DDS library has ended, so nothing is received or sent any more; this happens when a process is stopped and \
+     continued (Ctrl-Z and fg, SIGSTOP, a debugger). Restart the program"
+)]
+pub struct DdsThreadEnded;
+
+impl PartError for DdsThreadEnded {}
 
 /// The server of a service.
 pub type ServerOf<S> = Server<RosMessage<<S as Service>::Request>, RosMessage<<S as Service>::Response>>;
@@ -413,9 +419,9 @@ impl Ros {
     /// Returns an error once [`Ros::is_alive`] is false.
     ///
     /// # Errors
-    /// [`NodeError::Failed`] with the likely cause.
-    pub fn check(&self) -> Result<(), NodeError> {
-        if self.is_alive() { Ok(()) } else { Err(NodeError::Failed(format!("{DEAF}. Restart the program"))) }
+    /// [`DdsThreadEnded`].
+    pub fn check(&self) -> Result<(), DdsThreadEnded> {
+        if self.is_alive() { Ok(()) } else { Err(DdsThreadEnded) }
     }
 
     /// Leaves the domain. Publishers and subscriptions must have been dropped before.

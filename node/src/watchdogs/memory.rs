@@ -4,7 +4,7 @@
 //! runs out of it (`docs/decisions/0010-what-rustdds-does-not-survive.md`). So a node that exceeds what its dampers can
 //! need ends with a message. If memory grows too fast for that check, the system refuses the allocation.
 
-use crate::settings::error::NodeError;
+use crate::settings::error::PartError;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 const MIB: u64 = 1 << 20;
@@ -33,25 +33,38 @@ pub fn bound(dampers: usize) {
     }
 }
 
+/// The process uses more memory than its dampers can need.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the process uses {} MiB of memory, more than the {} MiB that it can need (dampers: {dampers}): malformed or hostile packets on \
+     the DDS ports can cause this. Check who sends on this domain (UDP ports from 7400), keep strangers out (discovery_range, a \
+     firewall, DDS-Security), and restart the node",
+    held_bytes / MIB, most_bytes / MIB
+)]
+pub struct TooMuchMemory {
+    /// Memory that the process uses, bytes.
+    pub held_bytes: u64,
+    /// The limit, bytes.
+    pub most_bytes: u64,
+    /// Number of dampers.
+    pub dampers: usize,
+}
+
+impl PartError for TooMuchMemory {}
+
 /// Checks the process's memory against the limit for this number of dampers. Passes if the system does not report the
 /// memory.
 ///
 /// # Errors
-/// [`NodeError::Failed`] with the figures and the likely cause.
-pub fn check(dampers: usize) -> Result<(), NodeError> {
+/// [`TooMuchMemory`].
+pub fn check(dampers: usize) -> Result<(), TooMuchMemory> {
     check_at(held(), dampers)
 }
 
-fn check_at(held: Option<u64>, dampers: usize) -> Result<(), NodeError> {
-    let most = most(dampers);
-    match held {
-        Some(held) if held > most => Err(NodeError::Failed(format!(
-            "the process uses {} MiB of memory, more than the {} MiB that it can need (dampers: {dampers}): malformed or hostile \
-             packets on the DDS ports can cause this. Check who sends on this domain (UDP ports from 7400), keep strangers out \
-             (discovery_range, a firewall, DDS-Security), and restart the node",
-            held / MIB,
-            most / MIB
-        ))),
+fn check_at(held_bytes: Option<u64>, dampers: usize) -> Result<(), TooMuchMemory> {
+    let most_bytes = most(dampers);
+    match held_bytes {
+        Some(held_bytes) if held_bytes > most_bytes => Err(TooMuchMemory { held_bytes, most_bytes, dampers }),
         _ => Ok(()),
     }
 }

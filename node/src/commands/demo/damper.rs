@@ -1,5 +1,6 @@
 //! The demo's virtual damper, healthy and with a coil lag, and the models that are identified on the healthy one.
 
+use super::error::DemoError;
 use crate::commands::context::CliContext;
 use crate::settings::error::NodeError;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
@@ -55,7 +56,7 @@ impl Purpose {
 
 fn run(purpose: Purpose, seconds: f64, seed: u64, lag_s: f64) -> Result<Run, NodeError> {
     let experiment = Experiment::thesis(EXPERIMENT)
-        .ok_or_else(|| NodeError::Failed(format!("the rig has no experiment {EXPERIMENT}")))?
+        .ok_or(DemoError::NoExperiment { name: EXPERIMENT })?
         .with_duration_s(seconds);
     let mut plant = Plant::quasi_static();
     // A fine resolution of displacement makes a velocity filter, which would delay the force, unnecessary.

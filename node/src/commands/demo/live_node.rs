@@ -1,6 +1,7 @@
 //! The running demo: service, player, event collector and listener, and the live screen.
 
 use super::Args;
+use super::error::DemoError;
 use crate::commands::context::CliContext;
 use crate::estimation::estimator::EventReceiver;
 use crate::nodes::damper_node::DamperNode;
@@ -133,8 +134,7 @@ impl<'a> LiveNode<'a> {
     /// When one of them does not start, or the service is not discovered over DDS.
     pub(super) fn start(config: &Config, args: &'a Args, context: &'a CliContext) -> Result<Self, NodeError> {
         let (service, receiver) = DamperNode::start(config, &context.ros_args, true)?;
-        let receiver =
-            receiver.ok_or_else(|| NodeError::Failed("the service provides no event ring".to_owned()))?;
+        let receiver = receiver.ok_or(DemoError::NoEventRing)?;
         let shared = Arc::new(Shared {
             summary: Mutex::default(),
             recording: Mutex::default(),
@@ -156,11 +156,7 @@ impl<'a> LiveNode<'a> {
             return Ok(live);
         }
         live.stop()?;
-        Err(NodeError::Failed(format!(
-            "the demo's service was not discovered over DDS within {} s; is multicast allowed on the loopback interface? \
-             `mr-damper doctor` checks it",
-            FIND.as_secs()
-        )))
+        Err(DemoError::NotDiscovered { within_s: FIND.as_secs() }.into())
     }
 
     /// Plays `run` and shows it on the screen.
@@ -178,7 +174,7 @@ impl<'a> LiveNode<'a> {
             let player =
                 scope.spawn(move || play_and_wait(player, run, shared, counters, before.taken, interrupt));
             let shown = self.show(before, &|| player.is_finished());
-            (shown, player.join().map_err(|_| died("playing")))
+            (shown, player.join().map_err(|_| DemoError::ThreadDied { thread: "playing" }))
         });
         shown?;
         let played = played?;
@@ -218,9 +214,11 @@ impl<'a> LiveNode<'a> {
     /// When a thread has died.
     pub(super) fn stop(self) -> Result<(), NodeError> {
         self.player.stop();
-        let ended = self.listener.stop().and(self.service.stop());
+        let (listened, served) = (self.listener.stop(), self.service.stop());
         self.shared.done.store(true, Ordering::Release);
-        self.collector.join().map_err(|_| died("collecting")).and(ended)
+        self.collector.join().map_err(|_| DemoError::ThreadDied { thread: "collecting" })?;
+        listened?;
+        Ok(served?)
     }
 
     /// Shows the summary until the player has finished, the user ends the demo, or a thread of the service dies.
@@ -233,7 +231,7 @@ impl<'a> LiveNode<'a> {
         while !finished() {
             if let Some(thread) = self.service.dead_thread() {
                 context.interrupt.raise();
-                return Err(died(thread));
+                return Err(DemoError::ThreadDied { thread }.into());
             }
             let summary = {
                 let mut summary = shared.summary();
@@ -267,10 +265,6 @@ impl<'a> LiveNode<'a> {
         }
         Ok(())
     }
-}
-
-fn died(what: &str) -> NodeError {
-    NodeError::Failed(format!("the {what} thread has died; the log above says why. Please report it"))
 }
 
 /// Plays the run and waits until the service has taken all its samples. `before` is the number of samples that the service
@@ -347,8 +341,8 @@ impl Listener {
         Ok(Self { listening: Task::start("demo-listener", listen)?, ros })
     }
 
-    fn stop(self) -> Result<(), NodeError> {
-        let ended = self.listening.stop().map_err(|_| died("listening"));
+    fn stop(self) -> Result<(), DemoError> {
+        let ended = self.listening.stop().map_err(|_| DemoError::ThreadDied { thread: "listening" });
         self.ros.stop();
         ended
     }

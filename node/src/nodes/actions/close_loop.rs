@@ -2,7 +2,7 @@
 //!
 //! The new model is loaded only if `close_loop.auto_load` is set and it includes no drift of the load cell.
 
-use super::{ActionContext, ActionWork, Job, Step, total_s, write_new};
+use super::{ActionContext, ActionError, ActionWork, Job, Step, total_s, write_new};
 use crate::estimation::control::Control;
 use crate::ros2::answer_limit::{self, Shorten};
 use crate::settings::error::{NodeError, RequestError};
@@ -224,15 +224,14 @@ impl Diagnosis {
             load_error: loaded.err().map(|error| error.to_string()),
             text: report::text(&result, drive(&result, &runs)),
         };
-        serde_json::to_string(&report)
-            .map_err(|error| NodeError::Failed(format!("cannot write the report as JSON: {error}")))
+        Ok(serde_json::to_string(&report).map_err(ActionError::Report)?)
     }
 
     /// Adds to an error of the diagnosis that its runs come from the history.
     fn on_history(&self, error: mr_damper_model::Error) -> NodeError {
         match error {
             mr_damper_model::Error::Cancelled => NodeError::Interrupted,
-            error => NodeError::OnHistory { history_s: total_s(&self.runs), error: Box::new(error) },
+            error => ActionError::OnHistory { history_s: total_s(&self.runs), error: Box::new(error) }.into(),
         }
     }
 }
@@ -259,17 +258,14 @@ fn in_short(result: &DiagnosisResult) -> String {
 }
 
 /// Splits the runs at the times at which their total length reaches each of the [`SHARES`].
-fn split(runs: &[Run]) -> Result<Vec<(Role, Run)>, NodeError> {
+fn split(runs: &[Run]) -> Result<Vec<(Role, Run)>, ActionError> {
     /// Minimum length of a piece, s; shorter pieces have no row that counts.
     const LEAST_S: f64 = 0.5;
     /// A split closer to the end of a piece than this, in seconds, is at its end: allows for rounding errors.
     const SAME_S: f64 = 1e-6;
     let total_s = total_s(runs);
     if total_s <= 0.0 {
-        return Err(NodeError::Failed(
-            "the history is still empty: the node keeps displacement, drive and force for history.duration_s"
-                .to_owned(),
-        ));
+        return Err(ActionError::EmptyHistory);
     }
     let mut parts = Vec::new();
     let (mut shares, mut begun_s) = (SHARES.iter(), 0.0);

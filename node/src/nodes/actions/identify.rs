@@ -4,7 +4,7 @@
 //! error in the file. Parts of one session are not independent, so `mr-damper identify` on separately recorded runs proves more. The
 //! model is not loaded; use `load_model` for that.
 
-use super::{ActionContext, ActionWork, Job, Step, create, total_s, write_new};
+use super::{ActionContext, ActionError, ActionWork, Job, Step, create, total_s, write_new};
 use crate::settings::error::{NodeError, RequestError};
 use mr_damper_base::provenance::{TOOL, date, expect};
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
@@ -112,10 +112,7 @@ impl Fitting {
         say: &(dyn Fn(Step) + Sync),
     ) -> Result<WrittenModel, NodeError> {
         if history_s < LEAST_S {
-            return Err(NodeError::Failed(format!(
-                "the history has only {history_s:.1} s of motion, but a model needs at least {LEAST_S} s; the node keeps \
-                 displacement, drive and force for history.duration_s"
-            )));
+            return Err(ActionError::ShortHistory { history_s, least_s: LEAST_S }.into());
         }
         let (fitted, held_out) = split(&self.runs, FITTED * history_s);
         // Restarts end on several threads in any order; report only increasing progress.

@@ -1,6 +1,6 @@
 //! The thread of a goal: reports stages, and always reports its end, even after a panic.
 
-use super::{Job, Step};
+use super::{ActionError, Job, Step};
 use crate::settings::error::NodeError;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -50,11 +50,7 @@ impl<D: Send + 'static> JobThread<D> {
 
     /// The next message of the thread. A job that panics sends no further message, which is reported as its end.
     pub(super) async fn next(&mut self) -> JobMessage<D> {
-        self.messages.recv().await.unwrap_or_else(|| {
-            let died =
-                "the thread of this goal panicked; the node's log shows where. Please report this as a bug";
-            JobMessage::Ended(Err(NodeError::Failed(died.to_owned())))
-        })
+        self.messages.recv().await.unwrap_or_else(|| JobMessage::Ended(Err(ActionError::Panicked.into())))
     }
 
     /// Requests the job to end.
@@ -98,8 +94,8 @@ mod tests {
                 panic!("on purpose");
             }),
         );
-        let error = end_of(job.expect("a thread")).expect_err("a failure").to_string();
-        assert!(error.contains("the thread of this goal panicked"), "{error}");
+        let error = end_of(job.expect("a thread")).expect_err("a failure");
+        assert!(matches!(error.part(), Some(ActionError::Panicked)), "{error}");
     }
 
     #[test]

@@ -18,8 +18,11 @@
 //! result gets an error.
 
 mod close_loop;
+mod error;
 mod identify;
 mod job_thread;
+
+pub use error::ActionError;
 
 use crate::estimation::control::Control;
 use crate::ros2::answer_limit::{AnswerLimit, Shorten};
@@ -236,7 +239,7 @@ impl<W: ActionWork> GoalServer<W> {
         }
         if let Some(RunningGoal { goal, job }) = running {
             job.end();
-            let stopped = NodeError::Failed("the node was stopped while it worked on this goal".to_owned());
+            let stopped = ActionError::Stopped.into();
             // A client that waits for the result has asked by now; do not wait for others.
             if self.pending_result(goal, Err(stopped)).sending.now_or_never().is_some() {
                 std::thread::sleep(DELIVERY);

@@ -11,9 +11,9 @@ pub use control::Control;
 pub use keys::Keys;
 
 use crate::estimation::wire::header;
-use crate::ros2::participant::{NotTaken, Output, Ros};
+use crate::ros2::participant::{DdsThreadEnded, NotTaken, Output, Ros};
 use crate::settings::config::{Config, RosArgs};
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use crate::settings::interrupt::Interrupt;
 use crate::settings::task::Task;
 use mr_damper_base::clock::system_now;
@@ -64,6 +64,26 @@ pub struct Played {
     /// Samples that the middleware did not accept.
     pub failed: u64,
 }
+
+impl Played {
+    /// Checks that all samples were published.
+    ///
+    /// # Errors
+    /// [`SamplesRefused`].
+    pub fn check(&self) -> Result<(), SamplesRefused> {
+        if self.failed == 0 { Ok(()) } else { Err(SamplesRefused { samples: self.failed }) }
+    }
+}
+
+/// The middleware refused samples of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the middleware did not accept {samples} samples")]
+pub struct SamplesRefused {
+    /// Number of samples.
+    pub samples: u64,
+}
+
+impl PartError for SamplesRefused {}
 
 /// The part of a run to play, and how to play it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -169,7 +189,7 @@ impl Player {
     ///
     /// # Errors
     /// The errors of [`Ros::check`].
-    pub fn check(&self) -> Result<(), NodeError> {
+    pub fn check(&self) -> Result<(), DdsThreadEnded> {
         self.ros.check()
     }
 

@@ -4,7 +4,7 @@
 //! subscriptions are best effort, so that no publisher waits for them.
 
 use crate::process::files;
-use crate::ros2::participant::Ros;
+use crate::ros2::participant::{DdsThreadEnded, Ros};
 use crate::settings::config::{Config, RosArgs};
 use crate::settings::error::NodeError;
 use mr_damper_msgs::Message;
@@ -154,7 +154,7 @@ impl RosWatcher {
     ///
     /// # Errors
     /// Errors of [`Ros::check`].
-    pub fn check(&self) -> Result<(), NodeError> {
+    pub fn check(&self) -> Result<(), DdsThreadEnded> {
         self.ros.check()
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Rates are limited by the mirror (`zenoh.web_rate_hz`) and are not the node's rates. Dampers are found by their keys.
 
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use crate::zenoh::session::{Link, ZenohConfig};
 use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::standard::Temperature;
@@ -32,6 +32,28 @@ const UNKNOWN: u8 = u8::MAX;
 /// A received sample: key and payload.
 type Raw = (String, Vec<u8>);
 
+/// Reasons why a mirror cannot be watched.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ZenohWatchError {
+    /// The session was closed before the subscription.
+    #[error("opening a Zenoh session to {endpoint}: it was closed")]
+    Closed {
+        /// The address of the mirror.
+        endpoint: String,
+    },
+    /// Zenoh refuses the subscription.
+    #[error("opening a Zenoh session to {endpoint}: {why}")]
+    Refused {
+        /// The address of the mirror.
+        endpoint: String,
+        /// Zenoh's reason.
+        why: zenoh::Error,
+    },
+}
+
+impl PartError for ZenohWatchError {}
+
 /// A subscription to the mirror of all dampers.
 pub struct ZenohWatcher {
     link: Link,
@@ -60,10 +82,9 @@ impl ZenohWatcher {
             ..ZenohConfig::default()
         };
         config.validate().map_err(|error| NodeError::Usage(format!("--zenoh: {error}")))?;
-        let failed =
-            |why: zenoh::Error| NodeError::Failed(format!("opening a Zenoh session to {endpoint}: {why}"));
         let link = Link::open(&config)?;
-        let session = link.session().ok_or_else(|| failed("it was closed".into()))?;
+        let session =
+            link.session().ok_or_else(|| ZenohWatchError::Closed { endpoint: endpoint.to_owned() })?;
         let (sender, samples) = sync_channel(BACKLOG);
         let lost = Arc::new(AtomicU64::new(0));
         let dropped = Arc::clone(&lost);
@@ -78,7 +99,7 @@ impl ZenohWatcher {
             })
             .background()
             .wait()
-            .map_err(failed)?;
+            .map_err(|why| ZenohWatchError::Refused { endpoint: endpoint.to_owned(), why })?;
         let names = names.iter().map(|name| name.trim_matches('/').to_owned()).collect();
         Ok(Self {
             link,

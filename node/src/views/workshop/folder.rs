@@ -8,6 +8,7 @@
 //! DIR/.lock              held while a server uses the directory
 //! ```
 
+use super::error::{UnknownDrive, WorkshopError};
 use crate::settings::error::NodeError;
 use mr_damper_model::sample::DriveKind;
 use mr_damper_runs::{LoadOptions, Loaded, write_text};
@@ -25,15 +26,12 @@ const ABOUT: &str = ".about.json";
 ///
 /// # Errors
 /// When the drive is neither `current_a` nor `command_v`.
-pub(super) fn loader_options(reading: &ReadOptions) -> Result<LoadOptions, Refusal> {
+pub(super) fn loader_options(reading: &ReadOptions) -> Result<LoadOptions, UnknownDrive> {
     let drive = match reading.drive.as_deref() {
         None => None,
         Some("current_a") => Some(DriveKind::CoilCurrent),
         Some("command_v") => Some(DriveKind::CommandVoltage),
-        Some(other) => {
-            let says = format!("the drive is \"{other}\", but must be current_a or command_v");
-            return Err(Refusal::new(RefusalKind::Wrong, says));
-        }
+        Some(other) => return Err(UnknownDrive { drive: other.to_owned() }),
     };
     Ok(LoadOptions {
         skip_bad_rows: reading.skip_bad_rows,
@@ -86,12 +84,7 @@ impl Folder {
         let lock = File::create(&lock_path).map_err(failed("making", &lock_path))?;
         match lock.try_lock() {
             Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(NodeError::Failed(format!(
-                    "--workshop: another mr-damper serve has {} open; stop that server, or give another directory",
-                    root.display()
-                )));
-            }
+            Err(TryLockError::WouldBlock) => return Err(WorkshopError::FolderInUse { folder: root }.into()),
             Err(TryLockError::Error(error)) => return Err(failed("locking", &lock_path)(error)),
         }
         let folder = Self { root, _lock: lock };

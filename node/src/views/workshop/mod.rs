@@ -14,10 +14,12 @@
 //! through a node in this process, in a namespace that no other process uses.
 
 mod diagnosis;
+mod error;
 mod folder;
 mod replay;
 mod upload;
 
+pub use error::WorkshopError;
 pub use replay::RATES;
 
 use crate::settings::config::RosArgs;
@@ -307,9 +309,5 @@ fn models(folder: &Folder) -> Result<Vec<String>, NodeError> {
 
 /// Runs `work` and turns a panic into an error, so that its end is always reported.
 fn catch_panic<T>(work: impl FnOnce() -> Result<T, NodeError>) -> Result<T, NodeError> {
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| {
-        Err(NodeError::Failed(
-            "this task panicked; the log shows where. Please report this as a bug".to_owned(),
-        ))
-    })
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err(WorkshopError::TaskPanicked.into()))
 }

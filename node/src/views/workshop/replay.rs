@@ -4,9 +4,9 @@
 //! They stay after the end of the run, because a diagnosis uses the node's history; the next replay, or a stop, ends them.
 
 use super::folder::loader_options;
-use super::{Workshop, catch_panic};
+use super::{Workshop, WorkshopError, catch_panic};
 use crate::estimation::models;
-use crate::nodes::damper_node::DamperNode;
+use crate::nodes::damper_node::{DamperNode, ThreadsPanicked};
 use crate::settings::config::{Config, RosArgs};
 use crate::settings::error::NodeError;
 use crate::settings::interrupt::Interrupt;
@@ -69,12 +69,15 @@ impl ReplayNode {
             .and_then(|player| Ok((player, RosWatcher::start_one(config, args, WATCHER, label)?)));
         match others {
             Ok((player, watcher)) => Ok(Self { service, player, watcher }),
-            Err(error) => service.stop().and(Err(error)),
+            Err(error) => {
+                service.stop()?;
+                Err(error)
+            }
         }
     }
 
     /// Stops all three in parallel, because Ctrl-C waits for it.
-    fn stop(self) -> Result<(), NodeError> {
+    fn stop(self) -> Result<(), ThreadsPanicked> {
         let Self { service, player, watcher } = self;
         std::thread::scope(|scope| {
             scope.spawn(|| player.stop());
@@ -240,7 +243,7 @@ impl Workshop {
 
     /// Plays the run, and keeps its node running until it is interrupted.
     fn play(self: &Arc<Self>, job: &ReplayJob, interrupt: &Interrupt) -> Result<(), NodeError> {
-        let options = loader_options(&job.reading).map_err(|refusal| NodeError::Failed(refusal.says))?;
+        let options = loader_options(&job.reading)?;
         let run = Arc::new(mr_damper_runs::load(&self.folder.run(&job.run), &options)?.run);
         self.compute_figures(job, &run)?;
         let config = Config {
@@ -254,7 +257,9 @@ impl Workshop {
         args.rosout_logs = false;
         let mut node = ReplayNode::start(&config, &args, &job.label)?;
         let played = self.watch_and_play(job, &run, &mut node, interrupt);
-        played.and(node.stop())
+        let ended = node.stop();
+        played?;
+        Ok(ended?)
     }
 
     fn watch_and_play(
@@ -281,11 +286,8 @@ impl Workshop {
                 let now_s = self.registry.now_s();
                 let discovered = watcher.discover(&mut self.registry.lock(), now_s);
                 watcher.drain(&mut self.registry.lock(), now_s);
-                let dead = service.dead_thread().map(|thread| {
-                    NodeError::Failed(format!(
-                        "the thread {thread} of the replay's node has died; the log shows why"
-                    ))
-                });
+                let dead = service.dead_thread();
+                let dead = dead.map(|thread| WorkshopError::NodeThreadDied { thread }.into());
                 let over = playing.take_if(|playing| playing.is_finished()).map_or(Ok(()), join);
                 if let Some(error) = discovered.err().or(dead).or(over.err()) {
                     break Err(error);
@@ -315,10 +317,7 @@ impl Workshop {
         if !player.wait_for_listener(LISTEN_WITHIN, interrupt) {
             return match interrupt.is_raised() {
                 true => Ok(()),
-                false => Err(NodeError::Failed(format!(
-                    "the replay's node did not appear within {} s: does this machine allow DDS (UDP) over loopback?",
-                    LISTEN_WITHIN.as_secs()
-                ))),
+                false => Err(WorkshopError::NoNode { within_s: LISTEN_WITHIN.as_secs() }.into()),
             };
         }
         self.change_replay(job.id, |replay| {
@@ -329,10 +328,7 @@ impl Workshop {
         let at = |at_s: f64| at_ns.store((at_s * 1e9) as u64, Ordering::Relaxed);
         let mut played = Played::default();
         player.play(run, &options, &mut played, interrupt, None, &at);
-        if played.failed > 0 {
-            return Err(NodeError::Failed(format!("the middleware refused {} samples", played.failed)));
-        }
-        Ok(())
+        Ok(played.check()?)
     }
 
     /// Applies the requested pause and speed to the player, and updates the progress.
@@ -392,11 +388,7 @@ fn in_words(replay: &Replay) -> String {
 
 /// Result of a player's thread that has ended.
 fn join(playing: ScopedJoinHandle<'_, Result<(), NodeError>>) -> Result<(), NodeError> {
-    playing.join().unwrap_or_else(|_| {
-        Err(NodeError::Failed(
-            "the player panicked; the log shows where. Please report this as a bug".to_owned(),
-        ))
-    })
+    playing.join().unwrap_or_else(|_| Err(WorkshopError::PlayerPanicked.into()))
 }
 
 fn check(rate: f64) -> Result<(), Refusal> {
