@@ -3,7 +3,7 @@
 use crate::commands::{context::CliContext, output};
 use crate::nodes::checks::{Finding, Level, examine};
 use crate::settings::config::{self, ParameterFlags};
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use mr_damper_base::shown;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -56,11 +56,32 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     match findings.iter().filter(|finding| finding.level == Level::Failure).count() {
         0 => Ok(()),
-        1 => Err(NodeError::Failed(
-            "one thing would keep the service from working: see FAILURE above".to_owned(),
-        )),
-        many => Err(NodeError::Failed(format!(
-            "{many} things would keep the service from working: see FAILURE above"
-        ))),
+        failures => Err(NotReady { failures }.into()),
+    }
+}
+
+/// Checks found what would keep the service from working.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("{} would keep the service from working: see FAILURE above", things(*failures))]
+struct NotReady {
+    /// Number of findings of the level failure, at least one.
+    failures: usize,
+}
+
+impl PartError for NotReady {}
+
+fn things(number: usize) -> String {
+    if number == 1 { "one thing".to_owned() } else { format!("{number} things") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_error_counts_what_it_found() {
+        let said = |failures| NotReady { failures }.to_string();
+        assert_eq!(said(1), "one thing would keep the service from working: see FAILURE above");
+        assert_eq!(said(2), "2 things would keep the service from working: see FAILURE above");
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::commands::{context::CliContext, number};
 use crate::estimation::models;
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use mr_damper_base::shown;
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::effect::Effects;
@@ -157,13 +157,22 @@ fn si_scaling(fis: &Fis) -> Result<Scaling, ScalingError> {
     Ok(Scaling { inputs: inputs.collect::<Result<_, ScalingError>>()?, output, force_offset_n: 0.0 })
 }
 
+/// Reasons why a model cannot be a FIS file, or give one its scaling.
+#[derive(Debug, thiserror::Error)]
+enum FisError {
+    #[error("{name} has effects, which a FIS file cannot hold; give the model without them")]
+    HasEffects { name: String },
+    #[error("{name} is a model {kind}, which has no fuzzy rules; FIS files are for anfis and tsk-... only")]
+    NoRules { name: String, kind: &'static str },
+}
+
+impl PartError for FisError {}
+
 /// The text of the FIS file for the model `name`.
 fn fis_text(name: &str) -> Result<String, NodeError> {
     let (model, rules) = rule_model(name)?;
     if !model.effects.is_empty() {
-        return Err(NodeError::Failed(format!(
-            "{name} has effects, which a FIS file cannot hold; give the model without them"
-        )));
+        return Err(FisError::HasEffects { name: name.to_owned() }.into());
     }
     let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
     Ok(Fis::of(&rules, &stem).with_ranges(&model.envelope, &Scaling::of(&rules)).to_text())
@@ -174,9 +183,6 @@ fn rule_model(name: &str) -> Result<(Model, Tsk), NodeError> {
     let model = models::load(name)?;
     match model.force {
         ForceModel::Tsk(rules) => Ok((model, rules)),
-        other => Err(NodeError::Failed(format!(
-            "{name} is a model {}, which has no fuzzy rules; FIS files are for anfis and tsk-... only",
-            other.name()
-        ))),
+        other => Err(FisError::NoRules { name: name.to_owned(), kind: other.name() }.into()),
     }
 }

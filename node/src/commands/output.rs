@@ -1,6 +1,6 @@
 //! Output of results: an HTML report, JSON to stdout or to a file, and text.
 
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use mr_damper_base::shown;
 use mr_damper_runs::write_text;
 use serde::Serialize;
@@ -60,13 +60,19 @@ impl OutputArgs {
     }
 }
 
+/// A report cannot be serialised.
+#[derive(Debug, thiserror::Error)]
+#[error("the report cannot be written as JSON: {0}")]
+pub struct UnwritableReport(#[source] serde_json::Error);
+
+impl PartError for UnwritableReport {}
+
 /// Writes `value` as JSON to `path`, or to stdout if `path` is `-`.
 ///
 /// # Errors
 /// When the file or stdout cannot be written.
 pub fn json(path: &Path, value: &impl Serialize) -> Result<(), NodeError> {
-    let mut text = serde_json::to_string_pretty(value)
-        .map_err(|e| NodeError::Failed(format!("the report cannot be written as JSON: {e}")))?;
+    let mut text = serde_json::to_string_pretty(value).map_err(UnwritableReport)?;
     text.push('\n');
     if path == Path::new("-") {
         std::io::stdout().write_all(text.as_bytes()).map_err(NodeError::io("writing to stdout"))

@@ -85,27 +85,6 @@ pub enum NodeError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// A diagnosis of the running model failed.
-    #[error(
-        "on {history_s:.1} s of history (the first 60 % are training runs (estimate), the next 20 % validation runs (confirm), the rest \
-         test runs): {error}. The node keeps history.duration_s of history; another base model can be loaded with load_model"
-    )]
-    OnHistory {
-        /// Length of the history, s.
-        history_s: f64,
-        /// The error of the diagnosis.
-        error: Box<mr_damper_model::Error>,
-    },
-    /// The goal of an action failed.
-    #[error("{action} failed: {}", error.as_deref().unwrap_or("no reason is given; see the node's log"))]
-    Goal {
-        /// The action.
-        action: String,
-        /// The sentence of the node; `None` if it gave none.
-        error: Option<String>,
-        /// The code and fields of the node's error, if it has any.
-        reason: Option<serde_json::Value>,
-    },
     /// The request of a peer is refused.
     #[error(transparent)]
     Request(#[from] RequestError),
@@ -115,9 +94,6 @@ pub enum NodeError {
     /// An error that a part of the service or a command defines beside the code that raises it.
     #[error(transparent)]
     Part(Box<dyn PartError>),
-    /// The work failed; the text is the message.
-    #[error("{0}")]
-    Failed(String),
 }
 
 impl<E: PartError> From<E> for NodeError {
@@ -143,8 +119,6 @@ impl NodeError {
         match self {
             Self::Model(error) => serde_json::to_value(error).ok(),
             Self::Part(error) => error.reason(),
-            Self::OnHistory { error, .. } => serde_json::to_value(error).ok(),
-            Self::Goal { reason, .. } => reason.clone(),
             Self::Damper { why, .. } => why.reason(),
             _ => None,
         }

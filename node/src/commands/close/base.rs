@@ -6,7 +6,7 @@ use crate::commands::conditioning::{FilterArg, VelocityArg};
 use crate::commands::context::CliContext;
 use crate::commands::progress::Working;
 use crate::estimation::models;
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::diagnose::{self, Bases, DiagnosisResult, Runs, Settings, Stage};
 use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch, identify};
@@ -52,6 +52,21 @@ pub(super) struct Identified {
     pub(super) restarts: u32,
 }
 
+/// The base is neither a file nor the name of a model.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "--base {base}: there is no such file and no such model. Models are {}; `mr-damper presets` lists the presets",
+    models.join(", ")
+)]
+struct UnknownBase {
+    /// The value of `--base`.
+    base: String,
+    /// Names of all models that can be identified.
+    models: Vec<&'static str>,
+}
+
+impl PartError for UnknownBase {}
+
 impl Base {
     /// The base that `args` ask for.
     ///
@@ -74,18 +89,14 @@ impl Base {
                     .to_owned(),
             ));
         }
-        let names: Vec<&str> = Structure::all().into_iter().map(Structure::name).collect();
+        let names: Vec<&'static str> = Structure::all().into_iter().map(Structure::name).collect();
         if names.contains(&args.base.as_str()) {
             return Ok(Self::Name(ModelSpec::named(&args.base, form)?));
         }
         let path = Path::new(&args.base);
         let file = path.exists() || path.extension().is_some() || args.base.starts_with("thesis/");
         if !file {
-            return Err(NodeError::Failed(format!(
-                "--base {}: there is no such file and no such model. Models are {}; `mr-damper presets` lists the presets",
-                args.base,
-                names.join(", ")
-            )));
+            return Err(UnknownBase { base: args.base.clone(), models: names }.into());
         }
         if let Some(flag) = superfluous(args) {
             return Err(NodeError::Usage(format!(

@@ -1,5 +1,6 @@
 //! `mr-damper compare`: identifies every model on every experiment and tests it on all others.
 
+mod error;
 mod output;
 mod pictures;
 mod runs;
@@ -13,6 +14,7 @@ use crate::commands::output::OutputArgs;
 use crate::commands::run_args::RunArgs;
 use crate::settings::error::NodeError;
 use clap::builder::PossibleValuesParser;
+use error::{CompareError, OnlyForm};
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_base::shown;
 use mr_damper_model::compare::{self, Cell, Experiment, Summary};
@@ -183,7 +185,7 @@ fn prepare(args: &Args, context: &CliContext) -> Result<ComparisonPlan, NodeErro
 }
 
 /// The requested models in all requested forms.
-fn specs(args: &Args) -> Result<Vec<ModelSpec>, NodeError> {
+fn specs(args: &Args) -> Result<Vec<ModelSpec>, CompareError> {
     let is_selected = |spec: &ModelSpec| {
         let named = args.models.is_empty() || args.models.iter().any(|name| name == spec.structure().name());
         let passive = spec.form() == Form::Passive;
@@ -195,25 +197,18 @@ fn specs(args: &Args) -> Result<Vec<ModelSpec>, NodeError> {
     };
     let specs: Vec<ModelSpec> = ModelSpec::all().into_iter().filter(is_selected).collect();
     if specs.is_empty() {
-        return Err(NodeError::Failed(format!(
-            "{} has no form {} the drive: leave --{} out",
-            args.models.join(", "),
-            if args.passive_only { "without" } else { "with" },
-            if args.passive_only { "passive-only" } else { "semi-active-only" }
-        )));
+        let form = if args.passive_only { OnlyForm::Passive } else { OnlyForm::SemiActive };
+        return Err(CompareError::NoForm { models: args.models.clone(), form });
     }
     Ok(specs)
 }
 
 /// The requested experiments.
-fn chosen(planned: Vec<PlannedExperiment>, names: &[String]) -> Result<Vec<PlannedExperiment>, NodeError> {
+fn chosen(planned: Vec<PlannedExperiment>, names: &[String]) -> Result<Vec<PlannedExperiment>, CompareError> {
     let known = |name: &String| planned.iter().any(|p| p.name.eq_ignore_ascii_case(name));
     if let Some(unknown) = names.iter().find(|name| !known(name)) {
-        let all: Vec<&str> = planned.iter().map(|p| p.name.as_str()).collect();
-        return Err(NodeError::Failed(format!(
-            "there is no experiment {unknown} in the folder; there are {}",
-            all.join(", ")
-        )));
+        let known = planned.iter().map(|p| p.name.clone()).collect();
+        return Err(CompareError::UnknownExperiment { name: unknown.clone(), known });
     }
     let is_selected = |p: &PlannedExperiment| {
         names.is_empty() || names.iter().any(|name| p.name.eq_ignore_ascii_case(name))

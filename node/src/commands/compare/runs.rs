@@ -1,5 +1,6 @@
 //! Assignment of run files to experiments, and the runs as rows.
 
+use super::error::CompareError;
 use super::work::in_parallel;
 use crate::commands::run_args::RunArgs;
 use crate::settings::error::NodeError;
@@ -81,10 +82,7 @@ pub(super) fn given(train: &[PathBuf], test: &[PathBuf]) -> Result<Vec<PlannedEx
     for path in train.iter().chain(test) {
         let whole = path.canonicalize().map_err(NodeError::io(format!("opening {}", path.display())))?;
         if !seen.insert(whole) {
-            return Err(NodeError::Failed(format!(
-                "{} is named twice: give each run once, either with --train or with --test",
-                path.display()
-            )));
+            return Err(CompareError::RepeatedRun { run: path.clone() }.into());
         }
     }
     let training = PlannedExperiment {

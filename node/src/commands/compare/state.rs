@@ -3,6 +3,7 @@
 //! A line is identified by a key: the hash of everything that determines the cell's figures (the program, the model, the
 //! options, every run). If a run or option changes, the key changes, and the line is not used.
 
+use super::error::CompareError;
 use super::runs::Source;
 use crate::settings::error::NodeError;
 use mr_damper_model::compare::Finished;
@@ -67,8 +68,7 @@ impl State {
     /// # Errors
     /// When the file cannot be written.
     pub(super) fn add(&self, line: &FinishedCell) -> Result<(), NodeError> {
-        let mut text = serde_json::to_string(line)
-            .map_err(|e| NodeError::Failed(format!("a finished cell cannot be written as JSON: {e}")))?;
+        let mut text = serde_json::to_string(line).map_err(CompareError::Cell)?;
         text.push('\n');
         let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         file.write_all(text.as_bytes()).map_err(NodeError::io(format!("writing {}", self.path.display())))

@@ -1,6 +1,6 @@
 //! `simulate.toml`: the description of the runs in a directory.
 
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use mr_damper_runs::write_text;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -17,6 +17,13 @@ pub(super) struct Manifest {
     #[serde(default, rename = "run")]
     runs: Vec<Entry>,
 }
+
+/// The manifest cannot be serialised.
+#[derive(Debug, thiserror::Error)]
+#[error("the manifest cannot be written as TOML: {0}")]
+struct UnwritableManifest(#[source] toml::ser::Error);
+
+impl PartError for UnwritableManifest {}
 
 /// One run, with all that is needed to reproduce it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -100,8 +107,7 @@ impl Manifest {
         if self.runs.is_empty() {
             return Ok(());
         }
-        let text = toml::to_string(self)
-            .map_err(|e| NodeError::Failed(format!("the manifest cannot be written as TOML: {e}")))?;
+        let text = toml::to_string(self).map_err(UnwritableManifest)?;
         let head = "# Runs of the virtual rig, as `mr-damper simulate` wrote them.\n";
         Ok(write_text(&dir.join(FILE), &format!("{head}{text}"))?)
     }

@@ -1,0 +1,61 @@
+//! Errors of a comparison.
+
+use crate::settings::error::PartError;
+use std::path::PathBuf;
+
+/// Reasons why models cannot be compared.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum CompareError {
+    /// A run is given twice.
+    #[error("{} is named twice: give each run once, either with --train or with --test", run.display())]
+    RepeatedRun {
+        /// The run, as given the second time.
+        run: PathBuf,
+    },
+    /// None of the models has the form that is asked for.
+    #[error("{} has no form {} the drive: leave --{} out", models.join(", "), form.drive(), form.flag())]
+    NoForm {
+        /// The models.
+        models: Vec<String>,
+        /// The form.
+        form: OnlyForm,
+    },
+    /// No experiment has this name.
+    #[error("there is no experiment {name} in the folder; there are {}", known.join(", "))]
+    UnknownExperiment {
+        /// The name as given.
+        name: String,
+        /// Names of all experiments in the folder.
+        known: Vec<String>,
+    },
+    /// A finished cell cannot be serialised.
+    #[error("a finished cell cannot be written as JSON: {0}")]
+    Cell(#[source] serde_json::Error),
+}
+
+impl PartError for CompareError {}
+
+/// The only form that is compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum OnlyForm {
+    /// `--passive-only`: without the drive.
+    Passive,
+    /// `--semi-active-only`: with the drive.
+    SemiActive,
+}
+
+impl OnlyForm {
+    const fn drive(self) -> &'static str {
+        match self {
+            Self::Passive => "without",
+            Self::SemiActive => "with",
+        }
+    }
+
+    const fn flag(self) -> &'static str {
+        match self {
+            Self::Passive => "passive-only",
+            Self::SemiActive => "semi-active-only",
+        }
+    }
+}
