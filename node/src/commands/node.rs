@@ -101,7 +101,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
 enum DeadThread {
     /// A thread of the DDS library.
     #[error(transparent)]
-    OfDds(#[from] DdsThreadEnded),
+    OfDds(DdsThreadEnded),
     /// A thread of a damper's service.
     #[error(
         "the {thread} thread of {damper} has died; the log above says why. Please report it, and restart the node"

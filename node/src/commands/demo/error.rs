@@ -33,7 +33,7 @@ pub(super) enum DemoError {
         /// Name of the thread.
         thread: &'static str,
     },
-    /// The live figures are not those of an evaluation without ROS.
+    /// The live figures differ from an evaluation without ROS.
     #[error("{}; please report it with seed {seed} and {seconds} s", agreement.text())]
     FiguresDiffer {
         /// By how much they differ.

@@ -12,7 +12,7 @@ pub trait PartError: std::error::Error + Send + Sync + 'static {
     }
 }
 
-/// Lets a variant be transparent: its sentence and its cause are those of the part's error.
+/// Makes a variant transparent: it has the sentence and the cause of the part's error.
 impl std::error::Error for Box<dyn PartError> {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         self.as_ref().source()
