@@ -202,20 +202,22 @@ impl Base {
 }
 
 impl Prepared {
-    /// `given` with the structures that are diagnosed beside it: none with --fixed-base, nor with reference runs. A velocity that is computed
-    /// late is then computed without delay: the delay would look like a lag or a spring of the damper.
+    /// `given` with the structures that are diagnosed beside it: none with --fixed-base, nor with reference runs. All of them then have the
+    /// conditioning of a diagnosis without a base, except that a base with measured velocity keeps it: a velocity that is computed
+    /// late, or a force without the filter, makes a lag of its own, which would depend on the base.
     fn around(mut given: Identified, options: Options, args: &RecordedArgs) -> Result<Self, NodeError> {
-        let mut conditioning = given.model.conditioning;
-        let alone = args.fixed_base || !args.reference.is_empty();
-        let structures = match alone {
-            true => Vec::new(),
-            false => diagnose::default_structures(given.model.force.drive().is_some())?,
-        };
-        let late = matches!(conditioning.velocity, VelocitySource::Backward | VelocitySource::Slope);
-        if late && !alone {
-            conditioning.velocity = VelocitySource::ThreePoint;
+        if args.fixed_base || !args.reference.is_empty() {
+            let options = Options { conditioning: given.model.conditioning, ..options };
+            return Ok(Self { given: Some(Box::new(given)), structures: Vec::new(), options });
+        }
+        let structures = diagnose::default_structures(given.model.force.drive().is_some())?;
+        let mut conditioning = options.conditioning;
+        if given.model.conditioning.velocity == VelocitySource::Measured {
+            conditioning.velocity = VelocitySource::Measured;
+        }
+        if given.model.conditioning != conditioning {
             tracing::info!(
-                "the diagnosis and its model file take the velocity from three points; the base takes it later, which looks like a lag"
+                "filter and velocity of the base are replaced by those of the diagnosis, as without --base; --fixed-base keeps them"
             );
         }
         given.model.conditioning = conditioning;
