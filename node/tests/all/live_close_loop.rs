@@ -3,8 +3,9 @@
 
 use crate::domain::Domain;
 use crate::live_support::lagging::{LAG_S, base, run, write};
-use crate::live_support::{wait_until, within};
+use crate::live_support::within;
 use crate::turn::turn;
+use crate::wait::wait_until;
 use futures::StreamExt;
 use mr_damper_model::model::Model;
 use mr_damper_model::sample::Run;

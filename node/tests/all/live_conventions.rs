@@ -1,8 +1,9 @@
 //! Conventions of ROS 2 over real DDS: QoS overrides, and how long new clients wait.
 
 use crate::domain::Domain;
-use crate::live_support::{Caller, config, wait_until};
+use crate::live_support::{Caller, config};
 use crate::turn::turn;
+use crate::wait::wait_until;
 use mr_damper_msgs::lifecycle::GetState;
 use mr_damper_msgs::rcl::{
     DescribeParameters, DescribeParametersRequest, GetParameters, GetParametersRequest, ListParameters,

@@ -1,8 +1,9 @@
 //! `load_model` on the real service, over real DDS: the model is replaced between two samples and no sample is lost.
 
 use crate::domain::Domain;
-use crate::live_support::{Ended, answer, wait_until};
+use crate::live_support::{Ended, answer};
 use crate::turn::turn;
+use crate::wait::wait_until;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{AlarmChange, Estimate, Event, Residual};

@@ -1,8 +1,9 @@
 //! A managed node over real DDS: its states, parameters and mode, as other nodes see and set them.
 
 use crate::domain::Domain;
-use crate::live_support::{Caller, config, wait_until};
+use crate::live_support::{Caller, config};
 use crate::turn::turn;
+use crate::wait::wait_until;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
 use mr_damper_msgs::lifecycle::{

@@ -2,8 +2,9 @@
 //! degraded.
 
 use crate::domain::Domain;
-use crate::live_support::{config, wait_until};
+use crate::live_support::config;
 use crate::turn::turn;
+use crate::wait::wait_until;
 use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::{Estimate, Event, Validity};
 use mr_damper_msgs::standard::DiagnosticArray;

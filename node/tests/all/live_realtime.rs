@@ -2,9 +2,9 @@
 //! refused or a deadline is missed.
 
 use crate::domain::Domain;
-use crate::live_support::wait_until;
 use crate::turn::turn;
 use crate::vehicle_support::{Node, Peer, drive, start};
+use crate::wait::wait_until;
 use mr_damper_msgs::standard::{DiagnosticArray, DiagnosticStatus};
 use std::path::Path;
 use std::process::{Command, Stdio};

@@ -2,8 +2,9 @@
 //! `/clock`.
 
 use crate::domain::Domain;
-use crate::live_support::{Ended, answer, wait_until};
+use crate::live_support::{Ended, answer};
 use crate::turn::turn;
+use crate::wait::wait_until;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use mr_damper_msgs::rosbag2::{
     Burst, BurstRequest, GetRate, GetRateRequest, IsPaused, IsPausedRequest, Pause, PauseRequest, PlayNext,
@@ -183,10 +184,7 @@ fn the_services_of_ros2_bag_play_work() {
             played
         });
         peer.wait_for_services();
-        while peer.burst(1) == 0 {
-            // The player does not play yet.
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        wait_until("the player plays", || peer.burst(1) > 0);
         assert_eq!(peer.heard(), [0.0], "one message");
         assert!(peer.is_paused());
 

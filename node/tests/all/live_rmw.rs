@@ -3,8 +3,8 @@
 //! implementation.
 
 use crate::domain::Domain;
-use crate::live_support::wait_until;
 use crate::turn::turn;
+use crate::wait::wait_until;
 use crate::zenoh_support::keys::{Keys, with_password};
 use crate::zenoh_support::sessions::{endpoint, router, session};
 use mr_damper_base::clock::system_now;

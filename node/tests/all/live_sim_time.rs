@@ -2,8 +2,9 @@
 //! stamp.
 
 use crate::domain::Domain;
-use crate::live_support::{config, wait_until};
+use crate::live_support::config;
 use crate::turn::turn;
+use crate::wait::wait_until;
 use mr_damper_model::pipeline::{Event, Reasons};
 use mr_damper_msgs::Message;
 use mr_damper_msgs::standard::{Clock, DiagnosticArray, Float64, Time};

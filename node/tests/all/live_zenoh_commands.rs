@@ -2,6 +2,7 @@
 
 use crate::domain::Domain;
 use crate::turn::turn;
+use crate::wait::{PATIENCE, until};
 use crate::zenoh_support::keys::{Keys, with_password};
 use crate::zenoh_support::sessions::{endpoint, session};
 use mr_damper_base::clock::system_now;
@@ -14,10 +15,8 @@ use mr_damper_node::settings::interrupt::Interrupt;
 use mr_damper_node::streams::player::{PlaybackOptions, Played, Player};
 use ros2_client::{NodeOptions, Subscription};
 use serde_json::{Value as Json, json};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use zenoh::{Session, Wait};
-
-const PATIENCE: Duration = Duration::from_secs(20);
 
 fn config(domain: &Domain, keys: &Keys, endpoint: &str) -> Config {
     let mut config = Config { domain_id: domain.id(), ..Config::default() };
@@ -58,27 +57,12 @@ fn tell(session: &Session, name: &str, payload: &[u8]) -> Option<Result<String, 
 }
 
 fn commands(session: &Session) -> Json {
-    let end = Instant::now() + PATIENCE;
-    loop {
+    until("the status", || {
         let replies = session.get("mr_damper/mr_damper/status").wait().expect("a selector");
-        if let Some(sample) = replies.recv().ok().and_then(|reply| reply.into_result().ok()) {
-            let status: Json = serde_json::from_slice(&sample.payload().to_bytes()).expect("JSON");
-            return status["commands"].clone();
-        }
-        assert!(Instant::now() < end, "no answer");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
-
-fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
-    let end = Instant::now() + PATIENCE;
-    loop {
-        if let Some(found) = found() {
-            return found;
-        }
-        assert!(Instant::now() < end, "timed out waiting for {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+        let sample = replies.recv().ok()?.into_result().ok()?;
+        let status: Json = serde_json::from_slice(&sample.payload().to_bytes()).expect("JSON");
+        Some(status["commands"].clone())
+    })
 }
 
 #[test]

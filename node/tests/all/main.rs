@@ -6,6 +6,7 @@
 
 mod domain;
 mod turn;
+mod wait;
 
 mod live_support;
 #[path = "../../runs/tests/all/run_support/mod.rs"]

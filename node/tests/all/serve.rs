@@ -4,6 +4,7 @@
 use crate::domain::Domain;
 use crate::serve_support::{Page, Stream, StreamEvent};
 use crate::turn::turn;
+use crate::wait::PATIENCE;
 use crate::zenoh_support;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_msgs::{ForceEstimate, ForceResidual, Message, Mode, Validity};
@@ -321,11 +322,7 @@ fn the_mirror_on_zenoh_is_shown() {
     let (mut k, mut shown) = (0, Json::Null);
     // Waits for the first estimate, then continues for a second.
     while shown.is_null() || began.elapsed() < Duration::from_secs(2) {
-        assert!(
-            began.elapsed() < zenoh_support::PATIENCE,
-            "an estimate from the mirror: {}",
-            page.snapshot()
-        );
+        assert!(began.elapsed() < PATIENCE, "an estimate from the mirror: {}", page.snapshot());
         for _ in 0..20 {
             k += 1;
             rig.feeder.push(zenoh_support::displacement(k * 1_000_000));
@@ -356,7 +353,7 @@ fn the_mirror_on_zenoh_is_shown() {
         (top.stdout.take().expect("piped"), String::new(), Instant::now());
     let mut reader = BufReader::new(&mut printed);
     while !lines.contains("front_left: no estimate for") {
-        assert!(stopped.elapsed() < zenoh_support::PATIENCE, "waited for silence: {lines}");
+        assert!(stopped.elapsed() < PATIENCE, "waited for silence: {lines}");
         assert!(reader.read_line(&mut lines).expect("text") > 0, "it has ended: {lines}");
     }
     kill_process(Pid::from_child(&top), Signal::INT).expect("it runs");

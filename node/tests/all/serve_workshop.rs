@@ -2,10 +2,11 @@
 //! permission start nothing.
 
 use crate::domain::Domain;
+use crate::live_support::config;
 use crate::live_support::lagging::{LAG_S, base, run, write};
-use crate::live_support::{config, wait_until};
 use crate::serve_support::Page;
 use crate::turn::turn;
+use crate::wait::wait_until;
 use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::pipeline::Settings;
 use mr_damper_model::preset;

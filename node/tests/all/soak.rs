@@ -9,9 +9,10 @@
 //! ```
 
 use crate::domain::Domain;
-use crate::live_support::{Ended, wait_until};
+use crate::live_support::Ended;
 use crate::turn::turn;
 use crate::vehicle_support::{CORNERS, Peer, drive, hear, settle, start};
+use crate::wait::wait_until;
 use mr_damper_msgs::standard::DiagnosticArray;
 use ros2_client::Subscription;
 use std::collections::BTreeMap;

@@ -4,6 +4,7 @@
 use crate::domain::Domain;
 use crate::serve_support::Page;
 use crate::turn::turn;
+use crate::wait::{PATIENCE, wait_until};
 use crate::zenoh_support::keys::{Keys, connected, with_password};
 use crate::zenoh_support::*;
 use mr_damper_node::streams::sink::zenoh::{Link, ZenohConfig};

@@ -2,6 +2,7 @@
 //! bytes.
 
 use crate::turn::turn;
+use crate::wait::{PATIENCE, wait_until};
 use crate::zenoh_support::sessions::router;
 use crate::zenoh_support::*;
 use mr_damper_node::streams::sink::zenoh::{Damper, Link, Mirror, MirrorState, ZenohConfig, ZenohError};
@@ -74,8 +75,9 @@ fn an_absent_router_does_not_delay_the_start_and_is_found_later() {
 fn a_client_without_its_router_stops_at_once() {
     let _turn = turn(module_path!());
     let link = Link::open(&client(&endpoint())).expect("it opens without a router");
-    let (mirror, _feeder) = mirror(&link, DAMPER);
-    thread::sleep(Duration::from_millis(100));
+    let (mirror, mut feeder) = mirror(&link, DAMPER);
+    feeder.push(estimate(1, 1.0));
+    wait_until("the mirror runs without its router", || mirror.stats().events == 1);
     let start = Instant::now();
     mirror.stop();
     link.close();

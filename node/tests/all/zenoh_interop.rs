@@ -4,6 +4,7 @@
 //! `ZENOH_PYTHON=V/bin/python cargo test -p mr-damper-node --test all zenoh_interop -- --ignored`.
 
 use crate::turn::turn;
+use crate::wait::wait_until;
 use crate::zenoh_support::*;
 use mr_damper_node::streams::sink::zenoh::Encoding;
 use std::path::Path;

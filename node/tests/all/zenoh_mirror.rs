@@ -2,6 +2,7 @@
 //! queries.
 
 use crate::turn::turn;
+use crate::wait::{PATIENCE, wait_until};
 use crate::zenoh_support::*;
 use mr_damper_msgs::{ForceEstimate, cdr};
 use mr_damper_node::streams::sink::zenoh::{Encoding, Topic};

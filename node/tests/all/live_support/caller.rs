@@ -1,5 +1,6 @@
 //! Another node on the domain, which calls services.
 
+use crate::wait::wait_until;
 use futures::executor::block_on;
 use futures::future::{Either, select};
 use mr_damper_msgs::Service;
@@ -8,23 +9,14 @@ use mr_damper_node::settings::config::{Config, RosArgs};
 use ros2_client::NodeOptions;
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Longest time for an answer: a first call can take three seconds.
-const PATIENCE: Duration = Duration::from_secs(15);
+const ANSWER: Duration = Duration::from_secs(15);
 
 /// The configuration of a node on the domain `domain`.
 pub(crate) fn config(domain: i64) -> Config {
     Config { domain_id: domain, align_wait_s: 0.5, ..Config::default() }
-}
-
-/// Waits at most 10 s until `is` returns true.
-pub(crate) fn wait_until(what: &str, mut is: impl FnMut() -> bool) {
-    let deadline = Instant::now() + Duration::from_secs(10);
-    while !is() {
-        assert!(Instant::now() < deadline, "waited for {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
 }
 
 /// Tells another thread to end when the test ends, also after a failed assertion: a scope waits for its threads.
@@ -52,7 +44,7 @@ pub(crate) fn within<T>(limit: Duration, task: impl Future<Output = T>) -> T {
 
 /// The response of a discovered service.
 pub(crate) fn answer<S: Service>(client: &ClientOf<S>, request: S::Request) -> S::Response {
-    within(PATIENCE, client.async_call_service(RosMessage(request))).expect("an answer that can be read").0
+    within(ANSWER, client.async_call_service(RosMessage(request))).expect("an answer that can be read").0
 }
 
 /// The calling node.

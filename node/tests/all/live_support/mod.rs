@@ -4,5 +4,5 @@ mod caller;
 pub(crate) mod lagging;
 mod offline;
 
-pub(crate) use caller::{Caller, Ended, answer, config, wait_until, within};
+pub(crate) use caller::{Caller, Ended, answer, config, within};
 pub(crate) use offline::offline;

@@ -6,6 +6,7 @@ pub(crate) mod sessions;
 
 pub(crate) use sessions::{endpoint, session};
 
+use crate::wait::until;
 use mr_damper_model::inverse::{CurrentCommand, LimitedBy};
 use mr_damper_model::pipeline::{
     AlarmChange, Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, StampedCommand,
@@ -21,8 +22,6 @@ use std::time::{Duration, Instant};
 use zenoh::sample::Sample as ZenohSample;
 use zenoh::{Session, Wait};
 
-/// Long, because a loaded machine must not fail a test.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 pub(crate) const RING: usize = 8192;
 pub(crate) const DAMPER: &str = "front_left";
 
@@ -137,25 +136,12 @@ pub(crate) fn ask(session: &Session, question: &str) -> serde_json::Value {
 /// The reply, or the text of the error reply.
 pub(crate) fn ask_raw(session: &Session, question: &str) -> Result<ZenohSample, String> {
     let selector = format!("mr_damper/{DAMPER}/{question}");
-    let patience = Instant::now() + PATIENCE;
-    while Instant::now() < patience {
-        let replies = session.get(&selector).wait().expect("the selector is valid");
-        if let Ok(reply) = replies.recv() {
-            return reply
-                .into_result()
-                .map_err(|error| error.payload().try_to_string().expect("errors are text").into_owned());
-        }
-        thread::sleep(Duration::from_millis(20));
-    }
-    panic!("no answer to {selector}");
-}
-
-pub(crate) fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
-    let patience = Instant::now() + PATIENCE;
-    while !done() {
-        assert!(Instant::now() < patience, "timed out waiting for: {what}");
-        thread::sleep(Duration::from_millis(5));
-    }
+    let reply = until(&format!("an answer to {selector}"), || {
+        session.get(&selector).wait().expect("the selector is valid").recv().ok()
+    });
+    reply
+        .into_result()
+        .map_err(|error| error.payload().try_to_string().expect("errors are text").into_owned())
 }
 
 pub(crate) fn json(sample: &ZenohSample) -> serde_json::Value {
