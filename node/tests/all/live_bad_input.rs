@@ -1,7 +1,9 @@
 //! Bad input over real DDS: the node refuses each bad sample, reports it, and loses no good sample.
 
 use crate::domain::Domain;
+use crate::live_support::wait_for_discovery;
 use crate::turn::turn;
+use crate::wait::comes_true;
 use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::{Event, Mode, Reasons, Refused, Validity};
 use mr_damper_model::sample::{Channel, Stamp};
@@ -58,16 +60,12 @@ impl TestNode {
     }
 
     /// Like [`Self::events`], but returns once `wanted` estimates have come.
-    fn events_of(self, count: usize, wanted: usize, send: impl Fn(&Self, usize, Stamp)) -> Vec<Event> {
+    fn events_of(mut self, count: usize, wanted: usize, send: impl Fn(&Self, usize, Stamp)) -> Vec<Event> {
         let (service, receiver) =
             DamperNode::start(&self.config, &RosArgs::default(), true).expect("the service starts");
         let mut receiver = receiver.expect("a receiver was requested");
-        let deadline = Instant::now() + Duration::from_secs(20);
-        while self.ros.readers_of(self.displacement.guid()) == 0 {
-            assert!(Instant::now() < deadline, "the node listens");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        std::thread::sleep(Duration::from_millis(300));
+        let publishers = [self.displacement.guid(), self.current.guid(), self.force.guid()];
+        wait_for_discovery(&mut self.ros, &publishers, &mut receiver);
         let (start, first) = (Instant::now(), system_now());
         for k in 0..count {
             let since = PERIOD * u32::try_from(k).expect("few samples");
@@ -75,14 +73,14 @@ impl TestNode {
             send(&self, k, first.shifted(i64::try_from(since.as_nanos()).expect("some seconds")));
         }
         let (mut events, mut estimates) = (Vec::new(), 0);
-        let deadline = Instant::now() + Duration::from_secs(20);
-        while estimates < wanted && Instant::now() < deadline {
+        // If some do not come, the test's assertion reports how many came.
+        let _ = comes_true(|| {
             while let Ok(event) = receiver.events.pop() {
                 estimates += usize::from(matches!(event, Event::Estimate(_)));
                 events.push(event);
             }
-            std::thread::sleep(Duration::from_millis(5));
-        }
+            estimates >= wanted
+        });
         service.stop().expect("no thread panicked");
         let Self { ros, displacement, current, force, .. } = self;
         drop((displacement, current, force));

@@ -1,8 +1,9 @@
 //! Inputs without a stamp, over real DDS: every sample at 1 kHz gives an estimate, also under load.
 
 use crate::domain::Domain;
-use crate::live_support::{Ended, config};
+use crate::live_support::{Ended, config, wait_for_discovery};
 use crate::turn::turn;
+use crate::wait::comes_true;
 use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::{Estimate, Event, Reasons, Refused};
 use mr_damper_msgs::standard::{Float64, Header, JointState};
@@ -11,6 +12,7 @@ use mr_damper_node::nodes::damper_node::DamperNode;
 use mr_damper_node::ros2::participant::{Output, Ros};
 use mr_damper_node::settings::config::{Config, RosArgs, Value};
 use ros2_client::NodeOptions;
+use rustdds::GUID;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -40,6 +42,11 @@ struct Came {
 }
 
 impl Came {
+    /// True once each of the [`SAMPLES`] has an estimate or was refused.
+    fn is_complete(&self) -> bool {
+        self.estimates.len() + self.refused.len() >= SAMPLES as usize
+    }
+
     fn take(&mut self, receiver: &mut EventReceiver) {
         while let Ok(event) = receiver.events.pop() {
             match event {
@@ -60,17 +67,16 @@ fn feed(config: &Config, load: bool, publishers: impl FnOnce(&mut Ros) -> Publis
     let mut ros =
         Ros::start(config, &RosArgs::default(), NodeOptions::new(), "sensor").expect("a peer starts");
     let publishers = publishers(&mut ros);
-    std::thread::sleep(Duration::from_secs(2));
+    wait_for_discovery(&mut ros, &publishers.guids(), &mut receiver);
     let (ended, busy) = (AtomicBool::new(false), AtomicBool::new(false));
     let came = std::thread::scope(|scope| {
         let _ended = Ended(&ended);
         let collecting = scope.spawn(|| {
             let mut came = Came::default();
-            while !ended.load(Ordering::Acquire) {
+            while !came.is_complete() && !ended.load(Ordering::Acquire) {
                 came.take(&mut receiver);
                 std::thread::sleep(Duration::from_millis(5));
             }
-            came.take(&mut receiver);
             came
         });
         for _ in 0..2 {
@@ -91,7 +97,8 @@ fn feed(config: &Config, load: bool, publishers: impl FnOnce(&mut Ros) -> Publis
             publishers.publish(AMPLITUDE_M * (RATE_RAD_S * t).sin());
         }
         busy.store(false, Ordering::Release);
-        std::thread::sleep(Duration::from_secs(2));
+        // If some do not come, the test's assertion reports how many came.
+        let _ = comes_true(|| collecting.is_finished());
         ended.store(true, Ordering::Release);
         collecting.join().expect("no panic")
     });
@@ -115,6 +122,13 @@ impl Publishers {
     fn joint(ros: &mut Ros) -> Self {
         let displacement = ros.publish("/displacement").expect("a topic");
         Self::Joint { displacement, current: ros.publish("/coil_current").expect("a topic") }
+    }
+
+    fn guids(&self) -> [GUID; 2] {
+        match self {
+            Self::Float { displacement, current } => [displacement.guid(), current.guid()],
+            Self::Joint { displacement, current } => [displacement.guid(), current.guid()],
+        }
     }
 
     fn publish(&self, displacement_m: f64) {
