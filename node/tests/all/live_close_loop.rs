@@ -5,7 +5,7 @@ use crate::domain::Domain;
 use crate::live_support::lagging::{LAG_S, base, run, write};
 use crate::live_support::within;
 use crate::turn::turn;
-use crate::wait::wait_until;
+use crate::wait::{PATIENCE, until, wait_until};
 use futures::StreamExt;
 use mr_damper_model::model::Model;
 use mr_damper_model::sample::Run;
@@ -79,6 +79,12 @@ impl Setup {
                 .expect("a result that can be read");
         let report = serde_json::from_str(&result.report).expect("the report is JSON");
         (status, result.success, report)
+    }
+
+    /// Waits until the node works on `id`: then its feedback names a stage.
+    fn wait_for_work(&self, id: GoalId) {
+        let first = self.client.feedback_stream(id).take(1).collect::<Vec<_>>();
+        assert!(within(PATIENCE, first).iter().all(Result::is_ok), "feedback is readable");
     }
 
     /// Loads a model by its path, as `load_model` does.
@@ -211,7 +217,7 @@ fn a_goal_can_be_cancelled_and_a_failed_goal_says_why() {
     }
 
     let id = setup.send(ALL_S).expect("a good goal is accepted");
-    std::thread::sleep(Duration::from_millis(300));
+    setup.wait_for_work(id);
     assert_eq!(setup.cancel(GoalId::new_random()), 0, "an unknown goal cancels nothing");
     let started = Instant::now();
     assert_eq!(setup.cancel(id), 1);
@@ -224,14 +230,7 @@ fn a_goal_can_be_cancelled_and_a_failed_goal_says_why() {
     // The node works on the next goals whether or not a client asks for their results. Three seconds of history are too few.
     let unasked = setup.send(3.0).expect("a good goal is accepted");
     let failed = |history: f64| {
-        let deadline = Instant::now() + Duration::from_secs(10);
-        let id = loop {
-            match setup.send(history) {
-                Some(id) => break id,
-                None if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(100)),
-                None => panic!("the previous goal did not end within 10 s"),
-            }
-        };
+        let id = until("the end of the previous goal", || setup.send(history));
         let (status, success, report) = setup.result(id);
         assert_eq!((status, success), (GoalStatusEnum::Aborted, false), "{report}");
         let code = report["reason"]["code"].as_str().expect("a code").to_owned();
@@ -253,15 +252,19 @@ fn a_goal_can_be_cancelled_and_a_failed_goal_says_why() {
 
     // A client that waits for a result while the node stops gets an answer.
     let id = setup.send(ALL_S).expect("a good goal is accepted");
+    let request = setup.client.request_result(id).expect("sent");
+    setup.wait_for_work(id);
+    // Once the node has answered a later request, it has the request for the result as well.
+    assert_eq!(setup.cancel(GoalId::new_random()), 0, "an unknown goal cancels nothing");
     let Setup { service, peer, client } = setup;
     std::thread::scope(|scope| {
-        let waiting = scope.spawn(|| within(Duration::from_secs(20), client.async_request_result(id)));
-        std::thread::sleep(Duration::from_millis(500));
+        let waiting =
+            scope.spawn(|| until("the result", || client.receive_result(request).expect("readable")));
         let started = Instant::now();
         service.stop().expect("no thread panicked");
         println!("stopped in the middle of a diagnosis after {:.2?}", started.elapsed());
         assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
-        let (status, RosMessage(result)) = waiting.join().expect("an answer").expect("a result");
+        let (status, RosMessage(result)) = waiting.join().expect("a result");
         assert_eq!((status, result.success), (GoalStatusEnum::Aborted, false));
         assert!(result.report.contains("the node was stopped"), "{}", result.report);
     });

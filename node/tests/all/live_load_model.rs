@@ -3,7 +3,7 @@
 use crate::domain::Domain;
 use crate::live_support::{Ended, answer};
 use crate::turn::turn;
-use crate::wait::wait_until;
+use crate::wait::{until, wait_until};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{AlarmChange, Estimate, Event, Residual};
@@ -66,19 +66,13 @@ impl Peer {
         answer::<LoadModel>(&self.client, request)
     }
 
-    /// The residual's status in the next diagnostics message, within 5 s.
+    /// The residual's status in the next diagnostics message.
     fn next_status(&self) -> DiagnosticStatus {
         while self.diagnostics.take().expect("readable").is_some() {}
-        let deadline = Instant::now() + Duration::from_secs(5);
-        loop {
-            if let Some((array, _)) = self.diagnostics.take().expect("readable") {
-                let mut status = array.status;
-                assert_eq!(status.len(), 2, "one status of the node and one of the residual");
-                return status.remove(1);
-            }
-            assert!(Instant::now() < deadline, "diagnostics come once a second");
-            std::thread::sleep(Duration::from_millis(10));
-        }
+        let (array, _) = until("diagnostics", || self.diagnostics.take().expect("readable"));
+        let mut status = array.status;
+        assert_eq!(status.len(), 2, "one status of the node and one of the residual");
+        status.remove(1)
     }
 
     fn stop(self) {
@@ -133,11 +127,12 @@ fn a_model_is_loaded_without_losing_an_estimate() {
     let samples = run.displacement_m.len();
     // The first displacement has no velocity yet, so no prediction.
     let residuals_wanted = samples - 1;
+    let counters = service.counters().ros_sink;
 
     let (answer, status, Events { estimates, residuals, .. }) = std::thread::scope(|scope| {
         let events = scope.spawn(|| collect(&mut receiver, residuals_wanted));
         let asked = scope.spawn(|| {
-            std::thread::sleep(Duration::from_secs(3));
+            wait_until("residuals of the old model", || counters.residuals.load(Ordering::Relaxed) > 1000);
             (peer.load(AFTER), peer.next_status())
         });
         player.play(&run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {});
@@ -174,11 +169,11 @@ fn a_model_is_loaded_without_losing_an_estimate() {
     assert_eq!(of("expected_rsse_n"), Some(format!("{after_n:.4}")), "{status:?}");
     assert_eq!(status.level, DiagnosticStatus::OK, "{status:?}");
     // The overseer reads its ring buffer a few times a second.
-    let (history, deadline) = (service.history(), Instant::now() + Duration::from_secs(2));
+    let history = service.history();
     let held = || history.lock().expect("no panic").runs(120.0, 0.1);
-    while held().first().is_none_or(|run| run.displacement_m.len() < samples) && Instant::now() < deadline {
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    wait_until("the run in the history", || {
+        held().first().is_some_and(|run| run.displacement_m.len() >= samples)
+    });
     let runs = held();
     assert_eq!(runs.len(), 1, "no gap");
     assert!(runs[0].displacement_m.values == run.displacement_m.values, "the history equals the played run");
@@ -208,15 +203,16 @@ fn an_alarm_reports_a_wrong_model_until_another_is_loaded() {
     let (status, answer, events) = std::thread::scope(|scope| {
         let events = scope.spawn(|| collect(&mut receiver, run.displacement_m.len() - 1));
         let asked = scope.spawn(|| {
-            std::thread::sleep(Duration::from_secs(5));
-            // Several seconds of residuals are queued by now; only the newest two seconds are kept.
-            let said =
-                std::iter::from_fn(|| residuals.take().expect("readable")).filter(|(r, _)| r.alarm).count();
-            (peer.next_status(), peer.load(AFTER), said)
+            let mut said = 0;
+            wait_until("500 residuals with alarm on force_residual", || {
+                let residuals = std::iter::from_fn(|| residuals.take().expect("readable"));
+                said += residuals.filter(|(residual, _)| residual.alarm).count();
+                said >= 500
+            });
+            (peer.next_status(), peer.load(AFTER))
         });
         player.play(&run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {});
-        let (status, answer, said) = asked.join().expect("no panic");
-        assert!(said > 500, "residuals with alarm on force_residual: {said}");
+        let (status, answer) = asked.join().expect("no panic");
         (status, answer, events.join().expect("no panic"))
     });
     assert!(answer.success, "{answer:?}");
@@ -296,6 +292,7 @@ fn replace(path: &Path, texts: &[String; 2], done: &AtomicBool) -> [u32; 2] {
             file.write_all(&text.as_bytes()[half..]).expect("written");
             times[1] += 1;
         }
+        // A load waits until its file has not changed for 0.1 s, and then reads it. Renaming does not change the open file.
         std::thread::sleep(Duration::from_millis(if turn % 12 < 8 { 15 } else { 150 }));
         if done.load(Ordering::Acquire) {
             break;

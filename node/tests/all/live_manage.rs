@@ -52,13 +52,23 @@ fn transition(label: &str) -> ChangeStateRequest {
     ChangeStateRequest { transition: Transition { id: 0, label: label.to_owned() } }
 }
 
-fn play(config: &Config, args: &RosArgs, run: &Run, clock: bool) {
+/// Plays `run`, and returns once the node has taken each sample.
+fn play(service: &DamperNode, config: &Config, args: &RosArgs, run: &Run, clock: bool) {
+    let taken = || {
+        let counters = service.counters().estimator;
+        [&counters.idle, &counters.used, &counters.refused]
+            .map(|count| count.load(Ordering::Relaxed))
+            .iter()
+            .sum()
+    };
+    let before: u64 = taken();
     let player = Player::start(config, args, clock).expect("a player");
     let interrupt = Interrupt::manual();
     assert!(player.wait_for_listener(std::time::Duration::from_secs(10), &interrupt));
     let plan = PlaybackOptions { clock, ..PlaybackOptions::default() };
-    player.play(run, &plan, &mut Played::default(), &interrupt, None, &|_| {});
-    std::thread::sleep(std::time::Duration::from_millis(200));
+    let mut played = Played::default();
+    player.play(run, &plan, &mut played, &interrupt, None, &|_| {});
+    wait_until("the played samples at the node", || taken() >= before + played.samples);
     player.stop();
 }
 
@@ -105,15 +115,15 @@ fn peers_configure_activate_and_deactivate_the_node() {
     // While inactive, the node ignores its inputs.
     let run = run(0.5);
     let estimates = || service.counters().ros_sink.estimates.load(Ordering::Relaxed);
-    play(&config, &args, &run, false);
+    play(&service, &config, &args, &run, false);
     assert_eq!(estimates(), 0);
     assert!(service.counters().estimator.idle.load(Ordering::Relaxed) > 0);
     assert!(change(&mut peer, "activate"));
-    play(&config, &args, &run, false);
+    play(&service, &config, &args, &run, false);
     wait_until("estimates of the run", || estimates() >= run.displacement_m.len() as u64);
     assert!(change(&mut peer, "deactivate"));
     let before = estimates();
-    play(&config, &args, &run, false);
+    play(&service, &config, &args, &run, false);
     assert_eq!(estimates(), before);
     assert!(change(&mut peer, "shutdown") && !change(&mut peer, "configure"));
 
@@ -223,7 +233,7 @@ fn set_mode_holds_the_mode_and_simulated_time_going_back_resets_the_node() {
     assert!(hold(&mut peer, Mode::Model).success);
     let run = run(1.0);
     let mut modes = |run: &Run| {
-        play(&config, &RosArgs::default(), run, true);
+        play(&service, &config, &RosArgs::default(), run, true);
         let mut modes = Vec::new();
         while let Ok(event) = watched.events.pop() {
             if let mr_damper_model::pipeline::Event::Transition(change) = event {

@@ -5,10 +5,10 @@
 
 use crate::domain::Domain;
 use crate::turn::turn;
-use std::io::Read;
+use crate::wait::until;
+use std::io::{BufRead, BufReader, Read};
 use std::net::{Ipv4Addr, UdpSocket};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 
 /// Kinds of submessages.
 const DATA: u8 = 0x15;
@@ -88,24 +88,20 @@ fn a_panic_in_the_dds_library_is_reported_and_ends_the_node() {
             let _ = to.send_to(packet, (Ipv4Addr::LOCALHOST, port));
         });
     };
-    // Waits until the node runs, then until it has discovered the participant.
-    std::thread::sleep(Duration::from_secs(2));
-    send(&announcement(domain.port(28)));
-    std::thread::sleep(Duration::from_secs(1));
-    send(&gap_beyond_all_numbers());
-
-    let sent = Instant::now();
-    let status = loop {
-        if let Some(status) = node.0.try_wait().expect("a child of ours") {
-            break status;
-        }
-        assert!(sent.elapsed() < Duration::from_secs(15), "it ends");
-        std::thread::sleep(Duration::from_millis(20));
-    };
+    let mut log = BufReader::new(node.0.stderr.take().expect("piped"));
     let mut said = String::new();
-    node.0.stderr.take().expect("piped").read_to_string(&mut said).expect("text");
+    while !said.contains("the node is up") {
+        assert!(log.read_line(&mut said).expect("text") > 0, "{said}");
+    }
+    send(&announcement(domain.port(28)));
+    // The gap has an effect once the node has discovered the participant.
+    let status = until("the end of the node", || {
+        send(&gap_beyond_all_numbers());
+        node.0.try_wait().expect("a child of ours")
+    });
+    log.read_to_string(&mut said).expect("text");
     let error = said.lines().find(|line| line.starts_with("error: ")).unwrap_or_else(|| panic!("{said}"));
-    println!("{error}\n{status} after {:?}", sent.elapsed());
+    println!("{error}\n{status}");
     assert_eq!(status.code(), Some(1), "{said}");
     assert!(error.contains("RustDDS Participant") && error.contains("event loop thread"), "{said}");
     assert!(said.contains("attempt to add with overflow"), "{said}");

@@ -6,7 +6,7 @@ use crate::live_support::config;
 use crate::live_support::lagging::{LAG_S, base, run, write};
 use crate::serve_support::Page;
 use crate::turn::turn;
-use crate::wait::wait_until;
+use crate::wait::{until, wait_until};
 use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::pipeline::Settings;
 use mr_damper_model::preset;
@@ -207,10 +207,11 @@ fn uploaded_runs_are_replayed_on_their_own_topics_with_the_metrics_of_evaluate()
 
         let turn = |turn: Json| page.post("/replay/turn", turn.to_string().as_bytes()).status;
         assert_eq!((turn(json!({ "turn": "pause" })), turn(json!({ "turn": "pause" }))), (200, 409));
-        std::thread::sleep(Duration::from_millis(500));
-        let at_s = page.workshop()["replay"]["at_s"].clone();
-        std::thread::sleep(Duration::from_millis(700));
-        assert_eq!(page.workshop()["replay"]["at_s"], at_s, "the replay is paused");
+        let at_s = until("a replay that stands still for 700 ms", || {
+            let at_s = page.workshop()["replay"]["at_s"].clone();
+            std::thread::sleep(Duration::from_millis(700));
+            (page.workshop()["replay"]["at_s"] == at_s).then_some(at_s)
+        });
         assert_eq!(
             (turn(json!({ "turn": "rate", "rate": 5.0 })), turn(json!({ "turn": "rate", "rate": 50.0 }))),
             (200, 400)

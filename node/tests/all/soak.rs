@@ -88,8 +88,10 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
 
     // Displacement and current for each stamp.
     let sent = 2 * stamps.len() as u64;
+    while diagnostics.take().expect("readable").is_some() {}
+    let mut counts = BTreeMap::new();
     wait_until("counters that add up", || {
-        let counts = counts(&diagnostics);
+        take_counts(&diagnostics, &mut counts);
         let adds_up = |[received, rest @ ..]: &[u64; COUNTS.len()]| {
             *received >= sent && *received == rest.iter().sum::<u64>()
         };
@@ -112,19 +114,18 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
 /// Counters of messages: the first one is the sum of the others.
 const COUNTS: [&str; 6] = ["received", "used", "refused", "unreadable", "dropped", "idle"];
 
-/// The counters of each damper, from the next status messages.
-fn counts(diagnostics: &Subscription<DiagnosticArray>) -> BTreeMap<String, [u64; COUNTS.len()]> {
-    while diagnostics.take().expect("readable").is_some() {}
-    std::thread::sleep(Duration::from_millis(1500));
-    let mut found = BTreeMap::new();
+/// Takes the newest counters of each damper from the status messages that have arrived.
+fn take_counts(
+    diagnostics: &Subscription<DiagnosticArray>,
+    counts: &mut BTreeMap<String, [u64; COUNTS.len()]>,
+) {
     while let Some((array, _)) = diagnostics.take().expect("readable") {
         for status in array.status.into_iter().filter(|status| status.name.ends_with(": node")) {
             let count = |name| {
                 let value = status.values.iter().find(|value| value.key == name).expect("each status has it");
                 value.value.parse().expect("a number")
             };
-            found.insert(status.name.clone(), COUNTS.map(count));
+            counts.insert(status.name.clone(), COUNTS.map(count));
         }
     }
-    found
 }
