@@ -296,6 +296,7 @@ fn ctrl_c_ends_it_at_once_and_nothing_is_written() {
         assert!(std::io::BufRead::read_line(&mut log, &mut said).expect("a pipe") > 0, "{said}");
     }
     assert!(said.contains("no test runs") && said.contains("--test"), "{said}");
+    // Interrupts the identification itself, which takes minutes and reports nothing before its end.
     std::thread::sleep(Duration::from_millis(300));
     let killed = Instant::now();
     let pid = child.id().to_string();

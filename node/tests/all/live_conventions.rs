@@ -40,6 +40,7 @@ fn qos_overrides_apply_and_peers_can_read_but_not_set_them() {
     let estimates = peer.ros.subscribe::<ForceEstimate>("/force_estimate").expect("a topic");
     let residuals = peer.ros.subscribe::<ForceResidual>("/force_residual").expect("a topic");
     wait_until("the residuals' publisher", || peer.ros.writers_of(residuals.guid()) == 1);
+    // A match of the other topic would be known within this time.
     std::thread::sleep(Duration::from_millis(500));
     assert_eq!(peer.ros.writers_of(estimates.guid()), 0, "best effort does not match reliable");
 

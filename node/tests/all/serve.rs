@@ -191,6 +191,7 @@ fn values_equal_the_topics_and_a_stalled_reader_does_not_affect_the_others() {
         while end.is_none_or(|end| Instant::now() < end) {
             drain(&setup.estimates, &mut heard, |message| message.header.stamp.as_nanos());
             drain(&setup.residuals, &mut residuals, |message| message.header.stamp.as_nanos());
+            // The page sends its last batches meanwhile. `keeps_up` allows for estimates that are not heard.
             if playing.is_finished() {
                 end.get_or_insert_with(|| Instant::now() + Duration::from_millis(300));
             }

@@ -213,6 +213,7 @@ fn history_answers_ranges_and_explains_wrong_ones() {
     assert_eq!(list("history?_time=[now(-10s)..]", "force_estimate").len(), 50);
     assert_eq!(list("history", "force_residual").len(), 50);
     assert_eq!(list("history?_time=[now(-10s)..];max=2", "force_estimate"), [49, 50]);
+    // From here on, all estimates are older than the 20 ms of the next two questions.
     thread::sleep(Duration::from_millis(60));
     assert!(list("history?_time=[now(-20ms)..]", "force_estimate").is_empty());
     assert_eq!(list("history?_time=[..now(-20ms)]", "force_estimate").len(), 50);

@@ -86,7 +86,8 @@ pub(crate) fn with_password(endpoint: &str, user: &str, password: &str) -> Sessi
     session(endpoint, &[("transport/auth/usrpwd", both)])
 }
 
-/// Number of other sessions that a session is connected to after 1.5 s of tries.
+/// Number of other sessions that a session is connected to after 1.5 s of tries. The tests expect none, so there is
+/// nothing to wait for.
 pub(crate) fn connected(session: &Session) -> usize {
     std::thread::sleep(Duration::from_millis(1500));
     session.info().peers_zid().wait().count() + session.info().routers_zid().wait().count()
