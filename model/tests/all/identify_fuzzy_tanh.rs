@@ -213,13 +213,19 @@ fn identification_reports_progress_and_can_be_cancelled() {
     identify(ModelSpec::FUZZY_TANH, &runs, &options(), &watch).expect("identifies");
     assert_eq!(restarts.load(Ordering::Relaxed), 8);
 
+    restarts.store(0, Ordering::Relaxed);
     let cancel = AtomicBool::new(false);
     let many = Options { restarts: 1_000_000, ..options() };
     let (outcome, took) = std::thread::scope(|scope| {
         let work = scope.spawn(|| {
-            identify(ModelSpec::FUZZY_TANH, &runs, &many, &Watch { cancel: Some(&cancel), progress: None })
+            let watch = Watch { cancel: Some(&cancel), progress: Some(&progress) };
+            identify(ModelSpec::FUZZY_TANH, &runs, &many, &watch)
         });
-        std::thread::sleep(Duration::from_millis(300));
+        let begun_at = Instant::now();
+        while restarts.load(Ordering::Relaxed) == 0 {
+            assert!(begun_at.elapsed() < Duration::from_secs(60), "a restart ends within a minute");
+            std::thread::sleep(Duration::from_millis(5));
+        }
         cancel.store(true, Ordering::Relaxed);
         let requested_at = Instant::now();
         (work.join().expect("no panic"), requested_at.elapsed())
