@@ -11,7 +11,7 @@ real packets that were changed in some places (mutated), packets with deliberate
                      nackfrag, which ends its event loop by a panic
 
 Packets of the storm that are lethal in this way are counted but not sent: they are tested one by one.
-Prints one line of JSON: the number of packets of each kind.
+Prints a line of JSON when the storm begins, and one at the end: the number of packets of each kind.
 """
 
 import argparse
@@ -248,6 +248,7 @@ class Liar:
 def storm(args, ports, to):
     liar = Liar(args.seed, listen(1.5, 20), args.play == "peer")
     sent = {"mutated": 0, "crafted": 0, "noise": 0, "lethal": 0}
+    print(json.dumps({"event": "storm"}), flush=True)
     start, k = time.monotonic(), 0
     while (now := time.monotonic() - start) < args.seconds:
         if k > now * args.rate:

@@ -428,7 +428,8 @@ fn sigint_and_sigterm_end_the_node_and_peers_see_it_leave() {
             let mut node = lab.node(PRESET, &[]);
             let mut watcher = lab.ros(distro, "graph_peer.py", &["--node", NODE]);
             assert_eq!(text(&watcher.json_line(PEER), "/event"), "ready");
-            std::thread::sleep(Duration::from_millis(500)); // discovery of all its topics is complete
+            // The peer also discovers all topics of the node, which its graph of nodes does not show.
+            std::thread::sleep(Duration::from_millis(500));
             let sent = SystemTime::now();
             node.signal(signal);
             let status = node.wait(SHUTDOWN);

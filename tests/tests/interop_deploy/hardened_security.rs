@@ -66,8 +66,10 @@ fn our_recorder_gets_the_estimates_and_no_initialization_vector_repeats() {
         let node = secured(lab, &binary, &keystores, "/node");
         let (bag, run) = (lab.folder().join("bag"), sine(lab.folder()));
         let recorder = tool(lab, &binary, &keystores, &["record", "--out", &utf8(&bag)]);
-        std::thread::sleep(Duration::from_secs(4)); // a handshake takes some seconds
+        // The handshake of node and recorder takes some seconds; neither program logs its end.
+        std::thread::sleep(Duration::from_secs(4));
         tool(lab, &binary, &keystores, &["--quiet", "replay", &utf8(&run), "--wait", "20"]).output(PEER);
+        // The last estimates reach the recorder, which reports its messages only at its end.
         std::thread::sleep(Duration::from_secs(1));
         for mut program in [recorder, node] {
             program.signal("INT");

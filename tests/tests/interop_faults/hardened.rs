@@ -31,10 +31,11 @@ fn a_hardened_node_survives_hostile_packets() {
         };
         // The packets go to the ports of the domain's first participant, so only the node may run until they are
         // sent.
-        std::thread::sleep(Duration::from_secs(2));
+        lab.wait_for_log("mr-damper node", "the node is up");
         let before = resident_mib(node.id());
         for kind in ["heartbeat", "gap", "datafrag", "nackfrag"] {
             bad_rtps(lab, &["--lethal", kind]).json(PEER);
+            // A node that does not survive the packet ends within this time.
             std::thread::sleep(Duration::from_secs(2));
             assert!(node.is_running(), "{kind}: {}", lab.last_log("mr-damper node"));
         }

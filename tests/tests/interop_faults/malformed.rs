@@ -3,8 +3,9 @@
 
 use super::NO_ARX;
 use super::peer_records::{FaultPeer, PeerRecords};
+use crate::PEER;
 use crate::interop_support::gate::{Outcome, interop, interop_alone, long, survives};
-use crate::interop_support::json::count;
+use crate::interop_support::json::{count, text};
 use crate::interop_support::process::{Program, resident_mib, script};
 use crate::interop_support::{Lab, PRESET};
 use serde_json::Value;
@@ -32,8 +33,9 @@ fn storm(lab: &Lab, node: &Program, play: &str, seconds: u32) -> (PeerRecords, V
     peer.command("phase before");
     peer.command("send");
     let seconds_text = seconds.to_string();
-    let bad = bad_rtps(lab, &["--as", play, "--seconds", &seconds_text, "--seed", "7"]);
-    std::thread::sleep(Duration::from_millis(1700)); // it captures packets first
+    let mut bad = bad_rtps(lab, &["--as", play, "--seconds", &seconds_text, "--seed", "7"]);
+    // It captures real packets first.
+    assert_eq!(text(&bad.json_line(PEER), "/event"), "storm");
     let before = resident_mib(node.id());
     peer.command("phase storm");
     let sent = bad.json(Duration::from_secs(30 + u64::from(seconds)));

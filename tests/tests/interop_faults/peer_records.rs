@@ -45,6 +45,7 @@ impl FaultPeer {
     pub(super) fn finish(mut self) -> PeerRecords {
         self.phase("end", 0.3);
         self.command("quiet");
+        // Diagnostics come once a second: the second message from here on counts all samples.
         std::thread::sleep(Duration::from_millis(2200));
         self.read_records()
     }

@@ -145,6 +145,7 @@ fn kill_in_the_middle(lab: &Lab, times: u64) {
     for turn in 0..times {
         let mut peer = lab.ros(Distro::Jazzy, "long_peer.py", &[]);
         assert_eq!(text(&peer.json_line(PEER), "/event"), "sending");
+        // Each peer is killed at another place in its message.
         std::thread::sleep(Duration::from_millis(300 + 37 * turn));
         peer.signal("KILL");
         assert!(!peer.wait(Duration::from_secs(5)).success());
@@ -159,6 +160,7 @@ fn peers_killed_in_the_middle_of_long_messages_harm_nobody() {
         let mut sender = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
         sender.phase("quiet_before", 0.0);
         sender.command("send");
+        // The node's memory is read after half a second of estimates.
         std::thread::sleep(Duration::from_millis(500));
         let before = resident_mib(node.id());
         sender.command("phase killing");
@@ -199,10 +201,8 @@ fn two_nodes_with_the_same_name_both_report_it() {
             &[&["node", "--ros-args", "-p", &format!("model:={PRESET}")], NO_ARX].concat(),
             &[],
         );
-        std::thread::sleep(Duration::from_millis(3500));
         for name in ["mr-damper node", "mr-damper twin"] {
-            let said = lab.last_log(name);
-            assert!(said.contains("/force_estimate has another publisher"), "{name}: {said}");
+            lab.wait_for_log(name, "/force_estimate has another publisher");
         }
         let records = sender.finish();
         let warned: Vec<_> =

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
 
 /// The node's fully qualified name without remapping.
 pub(crate) const NODE: &str = "/mr_damper";
@@ -20,6 +21,8 @@ pub(crate) const NODE: &str = "/mr_damper";
 pub(crate) const PRESET: &str = "thesis/fuzzy-tanh/rp3-cs";
 /// Endpoint of the Zenoh mirror in tests.
 pub(crate) const ZENOH_ENDPOINT: &str = "tcp/127.0.0.1:7447";
+/// Longest time until a program logs what a test waits for: start and discovery on a loaded machine.
+const LOGGED: Duration = Duration::from_secs(30);
 
 /// The ROS 2 distribution of a peer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -219,6 +222,15 @@ impl Lab {
         let logs = self.logs.borrow();
         let last = logs.iter().rfind(|(name, _)| name == program);
         last.map(|(_, path)| process::tail(path)).unwrap_or_else(|| panic!("{program} was not started"))
+    }
+
+    /// Waits until the last stderr lines of a program contain `words`.
+    pub(crate) fn wait_for_log(&self, program: &str, words: &str) {
+        let deadline = Instant::now() + LOGGED;
+        while !self.last_log(program).contains(words) {
+            assert!(Instant::now() < deadline, "waited {LOGGED:?} for \"{words}\" in the log of {program}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
     }
 
     /// The last stderr lines of each program.
