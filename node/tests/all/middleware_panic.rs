@@ -77,6 +77,8 @@ fn a_panic_in_the_dds_library_is_reported_and_ends_the_node() {
     let parameter = format!("domain_id:={}", domain.id());
     let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
     command.args(["node", "--ros-args", "-p", "model:=thesis/fuzzy-tanh/rp3-cs", "-p", &parameter]);
+    // The test waits for a line of the log.
+    command.env_remove("RUST_LOG");
     let mut node = Node(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("started"));
 
     let to = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
@@ -90,6 +92,7 @@ fn a_panic_in_the_dds_library_is_reported_and_ends_the_node() {
     };
     let mut log = BufReader::new(node.0.stderr.take().expect("piped"));
     let mut said = String::new();
+    // A participant that is announced while the node still starts causes no panic.
     while !said.contains("the node is up") {
         assert!(log.read_line(&mut said).expect("text") > 0, "{said}");
     }
