@@ -5,7 +5,7 @@
 #
 # usage: tests/measured/close.sh [OUT]      OUT: a new folder, by default one under /tmp
 #
-# Needs cargo, python3, and the same runs as run.sh. Takes 15 s on two cores once everything is built.
+# Needs cargo, python3, and the same runs as run.sh. Takes 90 s on two cores once everything is built.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/prepare.sh" "$@"
 
@@ -15,7 +15,7 @@ close_loop() {
   shift
   echo "$name" >&2
   rm -f "$out/$name.toml"
-  "$mr_damper" close --base fuzzy-tanh "$@" --out "$out/$name.toml" --report "$out/$name.html" --json "$out/$name.json" \
+  "$mr_damper" close "$@" --out "$out/$name.toml" --report "$out/$name.html" --json "$out/$name.json" \
     >"$out/$name.txt"
 }
 

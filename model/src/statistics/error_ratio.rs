@@ -4,7 +4,8 @@
 //! d_b(q)   = A_b - q B_b            A_b, B_b: squared error of block b after and before, b = 1 .. n
 //! T(q)     = sum d_b / sqrt(n s^2)  s^2 = sum (d_b - mean d)^2 / (n - 1), over (1 - tau / L)
 //! interval = { q : |T(q)| <= t }    t: 98 % quantile of Student's t with n - 1 degrees of freedom
-//! L        = max(6 tau, total / 10, 0.8 s)     length of a block; at least n = 8 blocks, or there is no interval
+//! L        = max(6 tau, share total / 10, 0.8 s)     length of a block, with the largest share of 1, 0.95, ... 0.8 that gives
+//!            n = 8 blocks or more; if none does, there is no interval
 //! tau      = 1 + 2 sum of the autocorrelations of w, up to the first that is not positive
 //! w        = s (m - beta s)         s = r_before - r_after,  m = (r_before + r_after) / 2,  beta = sum s m / sum s^2
 //! ```
@@ -35,6 +36,8 @@ const LEAST_BLOCKS: usize = 8;
 /// Largest number of blocks: more blocks hardly narrow the interval, and longer blocks are safer. With up to 20 blocks, residuals with a
 /// slow part that white noise hides gave an interval below one in 6 % of the runs without a change.
 const MOST_BLOCKS: f64 = 10.0;
+/// Lengths of a block that are tried, as shares of a tenth of the motion.
+const LENGTHS: [f64; 5] = [1.0, 0.95, 0.9, 0.85, 0.8];
 /// Least length of a block, s.
 const LEAST_S: f64 = 0.8;
 /// Quantile of Student's t. The nominal quantile of a 95 % interval, 97.5 %, is not enough: the sums are skewed if the error changes with
@@ -138,8 +141,7 @@ pub(crate) fn error_ratio(runs: &[Residuals], least_s: Option<f64>) -> ErrorRati
     }
     let tau_s = correlation_time_s(runs);
     let needed_s = LEAST_S.max(least_s.unwrap_or(0.0)).max(CORRELATION_TIMES * tau_s);
-    let length_s = needed_s.max(seconds / MOST_BLOCKS);
-    let blocks = block_sums(runs, length_s);
+    let (length_s, blocks) = blocks(runs, needed_s, seconds / MOST_BLOCKS);
     let n = blocks.len() as f64;
     let block_s = seconds / n.max(1.0);
     let done = |ci95| ErrorRatio { ratio, ci95, blocks: blocks.len(), block_s };
@@ -170,6 +172,17 @@ pub(crate) fn error_ratio(runs: &[Residuals], least_s: Option<f64>) -> ErrorRati
     }
     let half = (middle * middle - square * constant).max(0.0).sqrt();
     done(Ok([((middle - half) / square).max(0.0), (middle + half) / square]))
+}
+
+/// Length of a block, at least `needed_s` and as close to `longest_s` as gives enough blocks, s, and the sums over the blocks. Whole runs
+/// that are a little shorter than a block are joined in pairs, which can halve the number of blocks.
+fn blocks(runs: &[Residuals], needed_s: f64, longest_s: f64) -> (f64, Vec<[f64; 2]>) {
+    let of = |share: &f64| {
+        let length_s = needed_s.max(share * longest_s);
+        (length_s, block_sums(runs, length_s))
+    };
+    let enough = |(_, blocks): &(f64, Vec<[f64; 2]>)| blocks.len() >= LEAST_BLOCKS;
+    LENGTHS.iter().map(of).find(enough).unwrap_or_else(|| of(&LENGTHS[0]))
 }
 
 /// Sums of the squared errors before and after over blocks of at least `length_s`, each within one run. Whole runs that are shorter are

@@ -107,6 +107,13 @@ fn only_effects_that_are_present_are_named() -> Result<(), Error> {
     row.take(&lag, &outcome, None, 0.0);
     assert_eq!((row.right.hits, row.wrong.hits), (1, 0), "{outcome:?}");
     assert!(row.error() < 0.1, "{outcome:?}");
+    // No structure follows the breakaway force of the bristles, which must not become an effect. A gas spring cannot be named: the
+    // Bouc-Wen law has a stiffness of its own.
+    let gas = spec("wrong base (bristle) gas_spring x1");
+    let outcome = diagnose(&gas.case(400)?, Instrumentation::Auto)?;
+    let mut row = Row::default();
+    row.take(&gas, &outcome, None, 0.0);
+    assert_eq!(row.wrong.hits, 0, "{outcome:?}");
     // A drift of 0.1 N/s, which is negligible next to the misfit of a finite-difference velocity.
     let outcome = diagnose(&spec("single load_cell_drift x0.5").case(1)?, Instrumentation::Velocity)?;
     assert_eq!(

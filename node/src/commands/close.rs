@@ -93,8 +93,8 @@ pub struct RecordedArgs {
     /// name the model in use.
     #[arg(long, group = GROUP, value_name = "MODEL", default_value = base::AUTO)]
     pub base: String,
-    /// Diagnose the base of --base as it is, without other structures beside it. That is faster, but an effect that is found
-    /// may then stand for what this structure cannot follow.
+    /// Diagnose the base of --base as it is, with its filter and velocity, and without other structures beside it. That is
+    /// faster, but an effect that is found may stand for what this structure cannot follow. A linear base is always fixed.
     #[arg(long, group = GROUP)]
     pub fixed_base: bool,
     /// Training runs, on which effects are searched: CSV files, rosbag2 directories, .mcap files.

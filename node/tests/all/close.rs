@@ -199,6 +199,10 @@ fn the_rigs_coil_lag_is_found_and_written_and_its_test_run_cannot_be_used_again(
     let roles: Vec<&Value> = json["runs"].as_array().expect("runs").iter().map(|run| &run["role"]).collect();
     assert_eq!(roles, ["estimate", "estimate", "confirm", "test"]);
 
+    let structures = json["structures"].as_array().expect("structures");
+    let given: Vec<bool> = structures.iter().map(|row| row["given"] == true).collect();
+    assert_eq!(given, [true, false], "the base that was named, and the Bouc-Wen law");
+
     // Without a base, the structure is chosen on the validation run, and the file that is written has it.
     let output = close("close --restarts 2 --out chosen.toml");
     assert!(output.status.success(), "{}", text(&output.stderr));
@@ -215,6 +219,9 @@ fn the_rigs_coil_lag_is_found_and_written_and_its_test_run_cannot_be_used_again(
     );
     let found = chosen["effects"].as_array().expect("effects");
     assert!(found.iter().any(|effect| effect["id"] == "coil_lag"), "{found:#?}");
+    let ids =
+        |effects: &[Value]| -> Vec<Value> { effects.iter().map(|effect| effect["id"].clone()).collect() };
+    assert_eq!(ids(effects), ids(found), "the base that is given does not change the names");
     let written = std::fs::read_to_string(dir.path().join("chosen.toml")).expect("a model file");
     assert!(written.contains(best["structure"].as_str().expect("a name")), "{written}");
 

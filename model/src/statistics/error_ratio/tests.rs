@@ -268,6 +268,18 @@ fn blocks_lie_within_runs_and_short_runs_are_joined() {
 }
 
 #[test]
+fn runs_of_about_a_tenth_of_the_motion_are_a_block_each() {
+    // A tenth is 2.93 s. Eight runs are shorter, and joined in pairs they would leave six blocks.
+    let runs: Vec<Residuals> = [2.9, 2.8, 2.9, 3.2, 2.9, 2.8, 2.9, 3.1, 2.9, 2.9]
+        .into_iter()
+        .zip(0..)
+        .map(|(seconds, seed)| run(Residual::Normal, 0.05, seconds, 0.1, seed))
+        .collect();
+    let found = error_ratio(&runs, None);
+    assert!(found.blocks >= 8 && found.ci95.is_ok_and(|[_, high]| high < 0.2), "{found:?}");
+}
+
+#[test]
 fn a_slow_effect_does_not_lengthen_the_blocks() {
     // A drift that the effect removes, in white noise. The difference of the squared errors is as slow as the run is long.
     let random = &mut Pcg64Mcg::seed_from_u64(5);

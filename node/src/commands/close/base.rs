@@ -9,6 +9,7 @@ use crate::estimation::models;
 use crate::settings::error::{NodeError, PartError};
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::diagnose::{self, Bases, DiagnosisResult, Runs, Settings, Stage};
+use mr_damper_model::force::ForceLaw;
 use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch, identify};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{Role, TrainingRun};
@@ -202,11 +203,13 @@ impl Base {
 }
 
 impl Prepared {
-    /// `given` with the structures that are diagnosed beside it: none with --fixed-base, nor with reference runs. All of them then have the
+    /// `given` with the structures that are diagnosed beside it: none with --fixed-base, nor with reference runs, nor beside the linear law,
+    /// to which all else is an effect, also what another structure contains, such as friction. All of them then have the
     /// conditioning of a diagnosis without a base, except that a base with measured velocity keeps it: a velocity that is computed
     /// late, or a force without the filter, makes a lag of its own, which would depend on the base.
     fn around(mut given: Identified, options: Options, args: &RecordedArgs) -> Result<Self, NodeError> {
-        if args.fixed_base || !args.reference.is_empty() {
+        let is_linear = given.model.force.name() == ForceLaw::Linear.name();
+        if args.fixed_base || is_linear || !args.reference.is_empty() {
             let options = Options { conditioning: given.model.conditioning, ..options };
             return Ok(Self { given: Some(Box::new(given)), structures: Vec::new(), options });
         }
