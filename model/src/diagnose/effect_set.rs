@@ -44,7 +44,7 @@ impl EffectSet {
         Self { included: Effect::ALL.map(|effect| self.has(effect) && !ids.contains(&effect.id())) }
     }
 
-    /// The effects of this set that can be confused with `effect`, and itself; `None` if there is no other.
+    /// The effects of this set that can be confused with `effect`, and `effect` itself. `None` if that is the only one.
     pub(super) fn among(&self, effect: Effect) -> Option<Self> {
         let alike = |other: Effect| {
             other.id() == effect.id()

@@ -272,7 +272,7 @@ impl Choice<'_> {
     }
 }
 
-/// Which effects of two structures are the same.
+/// How an effect of one structure is found among those of another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Alike {
     /// Those that have one id, or of which one is in the other's class.

@@ -87,13 +87,13 @@ const GROUP: &str = "RecordedArgs";
 #[derive(Debug, clap::Args)]
 pub struct RecordedArgs {
     /// Model file, preset, name of a model (fuzzy-tanh, kwok, ...), or `auto`. A named model is first identified, on the
-    /// healthy runs if --reference is given, else on the training runs. Several structures are identified and diagnosed
-    /// beside it. It stays the base if it fits the validation runs about as well as the best of them; else the simplest that
+    /// healthy runs if --reference is given, else on the training runs. Several other structures
+    /// are identified and diagnosed, too. It stays the base if it fits the validation runs about as well as the best of them; else the simplest that
     /// does becomes the base, as with `auto`. An effect is named only if it does not depend on that choice. With --reference,
     /// name the model in use.
     #[arg(long, group = GROUP, value_name = "MODEL", default_value = base::AUTO)]
     pub base: String,
-    /// Diagnose the base of --base as it is, with its filter and velocity, and without other structures beside it. That is
+    /// Diagnose the base of --base as it is, with its filter and velocity, and no other structure. That is
     /// faster, but an effect that is found may stand for what this structure cannot follow. A linear base is always fixed.
     #[arg(long, group = GROUP)]
     pub fixed_base: bool,

@@ -185,7 +185,9 @@ fn the_rigs_coil_lag_is_found_and_written_and_its_test_run_cannot_be_used_again(
         let arguments: Vec<&str> = line.split(' ').chain(runs.split(' ')).collect();
         mr_damper(dir.path(), &arguments)
     };
-    let output = close("close --base fuzzy-tanh --restarts 2 --out new.toml --report new.html");
+    let output = close(
+        "close --base fuzzy-tanh --restarts 2 --effects coil_lag,force_lag --out new.toml --report new.html",
+    );
     assert!(output.status.success(), "{}", text(&output.stderr));
     let json: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
     assert_eq!((&json["schema"], &json["mode"]), (&"mr-damper/close/1".into(), &"absolute".into()));
@@ -204,7 +206,7 @@ fn the_rigs_coil_lag_is_found_and_written_and_its_test_run_cannot_be_used_again(
     assert_eq!(given, [true, false], "the base that was named, and the Bouc-Wen law");
 
     // Without a base, the structure is chosen on the validation run, and the file that is written has it.
-    let output = close("close --restarts 2 --out chosen.toml");
+    let output = close("close --restarts 2 --effects coil_lag,force_lag --out chosen.toml");
     assert!(output.status.success(), "{}", text(&output.stderr));
     let chosen: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
     let structures = chosen["structures"].as_array().expect("structures");

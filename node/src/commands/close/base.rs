@@ -33,7 +33,7 @@ pub(super) enum Base {
 pub(super) struct Prepared {
     /// The base in use, or named and identified.
     given: Option<Box<Identified>>,
-    /// Structures that are identified and diagnosed beside it, with the settings of their identification.
+    /// Other structures to identify and diagnose, with the settings of their identification.
     structures: Vec<ModelSpec>,
     options: Options,
 }
@@ -203,10 +203,11 @@ impl Base {
 }
 
 impl Prepared {
-    /// `given` with the structures that are diagnosed beside it: none with --fixed-base, nor with reference runs, nor beside the linear law,
-    /// to which all else is an effect, also what another structure contains, such as friction. All of them then have the
-    /// conditioning of a diagnosis without a base, except that a base with measured velocity keeps it: a velocity that is computed
-    /// late, or a force without the filter, makes a lag of its own, which would depend on the base.
+    /// `given` with the structures that compete with it. None competes with --fixed-base, with reference runs, or with the linear law: to
+    /// that law all else is an effect, also what another structure contains, such as friction.
+    ///
+    /// All structures have the conditioning of a diagnosis without a base. A velocity that is computed late, or a force without the filter,
+    /// makes a lag of its own, which would depend on the base. Only a measured velocity is kept.
     fn around(mut given: Identified, options: Options, args: &RecordedArgs) -> Result<Self, NodeError> {
         let is_linear = given.model.force.name() == ForceLaw::Linear.name();
         if args.fixed_base || is_linear || !args.reference.is_empty() {
@@ -220,7 +221,7 @@ impl Prepared {
         }
         if given.model.conditioning != conditioning {
             tracing::info!(
-                "filter and velocity of the base are replaced by those of the diagnosis, as without --base; --fixed-base keeps them"
+                "the diagnosis uses its own filter and velocity, as without --base; with --fixed-base it uses the base's"
             );
         }
         given.model.conditioning = conditioning;
