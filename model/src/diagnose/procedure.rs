@@ -127,7 +127,8 @@ impl<'a> Procedure<'a> {
         })
     }
 
-    /// Leaves out the check against an alternative structure: the caller compares structures.
+    /// Leaves out the check against an alternative structure: the caller compares structures. None of them need be the damper's, so effects
+    /// that are too small for that are refused ([`super::round::LEAST_OF_FORCE`]).
     pub(super) fn with_structure_compared(self) -> Self {
         Self { structure_compared: true, ..self }
     }
@@ -161,7 +162,7 @@ impl<'a> Procedure<'a> {
             settings: self.settings,
             noise,
             least: 0.0,
-            force: if self.mode == DiagnosisMode::Absolute { self.force } else { 0.0 },
+            force: if self.structure_compared { self.force } else { 0.0 },
             number,
         }
     }

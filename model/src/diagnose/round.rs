@@ -34,7 +34,8 @@ pub(super) const LEAST_CONFIRMED: f64 = 0.02;
 /// Least change of the force by an effect, once the base has adapted to it, as a share of the force (standard deviations). A base is
 /// never exactly of the damper's structure, and what it cannot follow looks like a small effect. On dampers with bristles, the Bouc-Wen
 /// law with a spring in series fits to 0.6 %, and effects that were not there changed the force by 0.15 to 0.27 %; effects that were
-/// there, by 0.55 % or more. It does not apply to effects that follow time or temperature, nor in paired mode.
+/// there, by 0.55 % or more. Friction of 80 N beside a base of the right structure changes it by 0.17 to 0.4 %, so the limit does not apply
+/// to a base that the user fixes. It does not apply to effects that follow time or temperature either.
 pub(super) const LEAST_OF_FORCE: f64 = 0.004;
 /// A validation run counts as worse if its squared error grows by more than this share of itself and by more than [`MATTERS`]. Both
 /// are needed because a refit of the base changes the small error of runs in which the effect plays no part, up or down.
@@ -78,7 +79,7 @@ pub(super) struct Round<'a> {
     pub(super) noise: f64,
     /// Least squared error that an effect must remove, however little is left, N².
     pub(super) least: f64,
-    /// Sum of the squared force, each run's mean removed, if the structure of the base can be wrong; else zero. N².
+    /// Sum of the squared force, each run's mean removed, if structures are compared; zero if the base is fixed. N².
     pub(super) force: f64,
     /// Number of the round, from 1.
     pub(super) number: usize,
