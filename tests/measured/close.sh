@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs the diagnosis on measured runs of three real dampers: the table of node/docs/guide/08-diagnosis.md. Prints for each
-# damper the verdict, the named effects and the error on the test run (`--test`, "sealed"), and leaves text, JSON and report
+# Runs the diagnosis on measured runs of three real dampers and an axis: the table of node/docs/guide/08-diagnosis.md. Prints for each
+# machine the verdict, the named effects and the error on the test run (`--test`, "sealed"), and leaves text, JSON and report
 # in OUT.
 #
 # usage: tests/measured/close.sh [OUT]      OUT: a new folder, by default one under /tmp
@@ -19,12 +19,12 @@ close_loop() {
     >"$out/$name.txt"
 }
 
-# One run of 24.6 s in three parts: blocks of 0.8 s instead of 3 s, because there would be too few blocks.
+# A run of 24.6 s in three parts: blocks of 0.8 s instead of 3 s, because there would be too few blocks.
 nees=$data/nees-mr/ranran-50.csv
 rm -f "$out"/nees-{estimate,confirm,test}.csv
-"$mr_damper" --quiet convert "$nees" "$out/nees-estimate.csv" --duration 12.3
-"$mr_damper" --quiet convert "$nees" "$out/nees-confirm.csv" --start 12.3 --duration 4.7
-"$mr_damper" --quiet convert "$nees" "$out/nees-test.csv" --start 17
+"$mr_damper" --quiet convert "$nees" "$out/nees-estimate.csv" --duration 10
+"$mr_damper" --quiet convert "$nees" "$out/nees-confirm.csv" --start 10 --duration 3
+"$mr_damper" --quiet convert "$nees" "$out/nees-test.csv" --start 13
 close_loop nees --estimate "$out/nees-estimate.csv" --confirm "$out/nees-confirm.csv" --test "$out/nees-test.csv" \
   --filter none --velocity measured --rate 1000 --block-s 0.8
 
@@ -38,10 +38,19 @@ close_loop utfpr --estimate "$utfpr"/ensaio-{A-{1,2,3,4,5},B-{1,3,5,6}}.csv "$ut
   --confirm "$utfpr"/ensaio-{A-{6,7},B-{7,8}}.csv "$utfpr"/ensaio{7,8}-1.csv \
   --test "$utfpr"/ensaio-{A-{8,9,10},B-{9,10}}.csv "$utfpr"/ensaio{9,10}-1.csv
 
+# A positioning axis with published values: its mass is beyond the range of dampers.
+emps=$data/emps/emps-estimation.csv
+rm -f "$out"/emps-{estimate,confirm,test}.csv
+"$mr_damper" --quiet convert "$emps" "$out/emps-estimate.csv" --duration 12.5
+"$mr_damper" --quiet convert "$emps" "$out/emps-confirm.csv" --start 12.5 --duration 4
+"$mr_damper" --quiet convert "$emps" "$out/emps-test.csv" --start 16.5
+close_loop emps --base linear --passive --range inertia=0:200 --block-s 1 --estimate "$out/emps-estimate.csv" \
+  --confirm "$out/emps-confirm.csv" --test "$out/emps-test.csv"
+
 python3 - "$out" <<'PYTHON'
 import json, pathlib, sys
 
-for name in "nees", "utfsm", "utfpr":
+for name in "nees", "utfsm", "utfpr", "emps":
     closing = json.loads((pathlib.Path(sys.argv[1]) / f"{name}.json").read_text())
     test = closing["test"]
     low, high = test["ratio_ci95"] or (float("nan"), float("nan"))

@@ -151,7 +151,6 @@ pub enum Stage {
 ///
 /// ```
 /// use mr_damper_model::diagnose::{EffectSet, Runs, Settings, Verdict, close};
-/// use mr_damper_model::effect::Effect;
 /// use mr_damper_model::identify::{Dataset, DatasetOptions, Watch};
 /// use mr_damper_model::preset;
 /// use mr_damper_model::rig::inject::inject;
@@ -173,7 +172,7 @@ pub enum Stage {
 /// let runs = Runs { estimate: &estimate, confirm: &confirm, reference: &reference, ..Runs::default() };
 /// let settings = Settings { effects: EffectSet::only(&["friction", "gas_spring"])?, most_effects: 1, ..Settings::default() };
 /// let result = close(&base, &runs, &settings, &Watch::none(), &|_| {})?;
-/// assert_eq!(result.effects[0].effect.effect(), Effect::Friction);
+/// assert_eq!(result.effects[0].effect.effect().id(), "friction");
 /// assert!(result.verdict != Verdict::BaseInadequate && result.after.effects.as_slice().len() == 1);
 /// # Ok::<(), mr_damper_model::Error>(())
 /// ```
