@@ -291,3 +291,14 @@ pub struct DiagnosisResult {
     /// The structures that were tried as base, in order; empty if only the given base was diagnosed.
     pub structures: Vec<StructureRow>,
 }
+
+impl DiagnosisResult {
+    /// The structure that became the base, with how it fits; `None` if only the given base was diagnosed.
+    #[must_use]
+    pub fn chosen(&self) -> Option<(&StructureRow, &StructureFit)> {
+        self.structures
+            .iter()
+            .filter_map(|row| Some((row, row.outcome.as_ref().ok()?)))
+            .find(|(_, fit)| fit.chosen)
+    }
+}

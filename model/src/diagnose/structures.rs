@@ -118,8 +118,7 @@ impl Diagnosed {
 /// let runs = Runs { estimate: &estimate, confirm: &confirm, ..Runs::default() };
 /// let bases = Bases { given: None, structures: &default_structures(true)?, options: &options };
 /// let found = close_any(&bases, &runs, &Settings::default(), &Watch::none(), &|_| {})?;
-/// let chosen = found.structures.iter().find(|row| row.outcome.as_ref().is_ok_and(|fit| fit.chosen));
-/// assert_eq!(chosen.map(|row| row.structure), Some("bouc-wen"), "the rig's valve has memory");
+/// assert_eq!(found.chosen().map(|(row, _)| row.structure), Some("bouc-wen"), "the rig's valve has memory");
 /// # Ok::<(), mr_damper_model::Error>(())
 /// ```
 ///
@@ -272,7 +271,7 @@ impl Choice<'_> {
     }
 }
 
-/// How an effect of one structure is found among those of another.
+/// When two structures show the same effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Alike {
     /// Those that have one id, or of which one is in the other's class.

@@ -24,8 +24,6 @@ use crate::force::Inputs;
 
 const TAU_S: [f64; 2] = [1e-3, 40e-3];
 const PROBE_S: f64 = 1e-3;
-const SEPARATED_BY: &str = "steps of the current while the damper moves at constant speed";
-const CONFOUNDERS: &[&str] = &["remanence", "force_lag", "anti_alias_mismatch"];
 
 /// One time constant.
 pub(super) struct CoilLag;
@@ -37,8 +35,8 @@ impl Definition for CoilLag {
         what: "the coil's current follows the drive with one time constant",
         parameters: &[Parameter::absolute("tau_s", Unit::SECOND, TAU_S, PROBE_S)],
         example: &[0.012],
-        separated_by: SEPARATED_BY,
-        confounders: CONFOUNDERS,
+        separated_by: "steps of the current while the damper moves at constant speed",
+        confounders: &["remanence", "force_lag", "anti_alias_mismatch"],
         needs: &[Need::Drive],
         follows_time: false,
         layer: Layer::Coil(0),
@@ -63,7 +61,6 @@ pub(super) struct CoilLagRiseFall;
 
 impl Definition for CoilLagRiseFall {
     const PROPERTIES: Properties = Properties {
-        id: "coil_lag",
         form: Some("rise_fall"),
         what: "the coil's current rises with one time constant and falls with another",
         parameters: &[
@@ -71,14 +68,9 @@ impl Definition for CoilLagRiseFall {
             Parameter::absolute("tau_fall_s", Unit::SECOND, TAU_S, PROBE_S),
         ],
         example: &[0.006, 0.019],
-        separated_by: SEPARATED_BY,
-        confounders: CONFOUNDERS,
-        needs: &[Need::Drive],
-        follows_time: false,
-        layer: Layer::Coil(0),
         inversion: Inversion::Lead(|taus_s| taus_s),
-        static_stiffness_n_m: |_| 0.0,
         refinement: None,
+        ..CoilLag::PROPERTIES
     };
 
     #[inline]

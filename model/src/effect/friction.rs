@@ -21,8 +21,6 @@ use crate::force::law::Scale;
 use crate::force::{Inputs, tanh};
 
 const FRICTION: Parameter = Parameter::absolute("friction_n", Unit::NEWTON, [0.0, 200.0], 2.0);
-const SEPARATED_BY: &str = "slow motion without current";
-const CONFOUNDERS: &[&str] = &["asymmetry", "deadzone", "velocity_saturation"];
 
 /// Friction that changes its sign over 5 mm/s.
 pub(super) struct Friction;
@@ -34,8 +32,8 @@ impl Definition for Friction {
         what: "seals and guides add Coulomb friction, the same at any speed and current",
         parameters: &[FRICTION],
         example: &[60.0],
-        separated_by: SEPARATED_BY,
-        confounders: CONFOUNDERS,
+        separated_by: "slow motion without current",
+        confounders: &["asymmetry", "deadzone", "velocity_saturation"],
         needs: &[],
         follows_time: false,
         layer: Layer::Parallel(1),
@@ -63,7 +61,6 @@ pub(super) struct FrictionOwnScale;
 
 impl Definition for FrictionOwnScale {
     const PROPERTIES: Properties = Properties {
-        id: "friction",
         form: Some("own_scale"),
         what: "seals and guides add Coulomb friction, which changes its sign over a velocity of its own",
         parameters: &[
@@ -77,14 +74,8 @@ impl Definition for FrictionOwnScale {
             ),
         ],
         example: &[60.0, 2e-3],
-        separated_by: SEPARATED_BY,
-        confounders: CONFOUNDERS,
-        needs: &[],
-        follows_time: false,
-        layer: Layer::Parallel(1),
-        inversion: Inversion::Subtract,
-        static_stiffness_n_m: |_| 0.0,
         refinement: None,
+        ..Friction::PROPERTIES
     };
 
     #[inline]

@@ -31,7 +31,8 @@
 //! # One entry for each effect
 //! The list in `effects!` below is the only place that names all effects. A line there is a file of this directory with its forms, and each
 //! form is a type with the trait `Definition`: the constants in `Properties`, and the step. Neither has defaults, so an effect without
-//! one of its properties does not compile. Everything else that depends on the effect reads the properties:
+//! one of its properties does not compile. A further form takes the properties that it does not change from the first one.
+//! Everything else that depends on the effect reads the properties:
 //!
 //! | property | read by |
 //! |---|---|

@@ -81,6 +81,13 @@ fn every_effect_changes_the_force_and_a_larger_one_changes_it_more() -> Result<(
     Ok(())
 }
 
+/// The counts of one outcome.
+fn counted(spec: &CaseSpec, outcome: &Outcome) -> Row {
+    let mut row = Row::default();
+    row.take(spec, outcome, None, 0.0);
+    row
+}
+
 /// A few of the cases that `examples/diagnosis_rates.rs` counts over hundreds of seeds.
 #[test]
 fn only_effects_that_are_present_are_named() -> Result<(), Error> {
@@ -93,8 +100,7 @@ fn only_effects_that_are_present_are_named() -> Result<(), Error> {
     {
         let spec = spec(name);
         let outcome = diagnose(&spec.case(1)?, Instrumentation::Displacement)?;
-        let mut row = Row::default();
-        row.take(&spec, &outcome, None, 0.0);
+        let row = counted(&spec, &outcome);
         assert_eq!((row.right.hits, row.wrong.hits), (1, 0), "{name}: {outcome:?}");
         assert!(row.error() < 0.1, "{name}: {outcome:?}");
         assert!(outcome.removed.is_some_and(|share| share > 0.9), "{name}: {outcome:?}");
@@ -103,17 +109,14 @@ fn only_effects_that_are_present_are_named() -> Result<(), Error> {
     // The structure of fuzzy-tanh lacks the memory of this damper, so the base is chosen.
     let lag = spec("wrong base coil_lag x1");
     let outcome = diagnose(&lag.case(1)?, Instrumentation::Auto)?;
-    let mut row = Row::default();
-    row.take(&lag, &outcome, None, 0.0);
+    let row = counted(&lag, &outcome);
     assert_eq!((row.right.hits, row.wrong.hits), (1, 0), "{outcome:?}");
     assert!(row.error() < 0.1, "{outcome:?}");
     // No structure follows the breakaway force of the bristles, which must not become an effect. A gas spring cannot be named: the
     // Bouc-Wen law has a stiffness of its own.
     let gas = spec("wrong base (bristle) gas_spring x1");
     let outcome = diagnose(&gas.case(400)?, Instrumentation::Auto)?;
-    let mut row = Row::default();
-    row.take(&gas, &outcome, None, 0.0);
-    assert_eq!(row.wrong.hits, 0, "{outcome:?}");
+    assert_eq!(counted(&gas, &outcome).wrong.hits, 0, "{outcome:?}");
     // A drift of 0.1 N/s, which is negligible next to the misfit of a finite-difference velocity.
     let outcome = diagnose(&spec("single load_cell_drift x0.5").case(1)?, Instrumentation::Velocity)?;
     assert_eq!(

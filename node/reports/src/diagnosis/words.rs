@@ -92,8 +92,7 @@ pub(crate) fn structure_name(row: &StructureRow) -> String {
 
 /// That the base which was given fits worse than the one that was chosen; `None` if it was chosen, or if there was no choice.
 pub(crate) fn other_base(result: &DiagnosisResult) -> Option<String> {
-    let chosen = |row: &&StructureRow| row.outcome.as_ref().is_ok_and(|fit| fit.chosen);
-    let chosen = result.structures.iter().find(chosen).filter(|row| !row.given)?;
+    let (chosen, _) = result.chosen().filter(|(row, _)| !row.given)?;
     let given = result.structures.iter().find(|row| row.given)?;
     Some(format!(
         "The base given has not the damper's structure: on the validation runs {} fits worse than {}, also with the effects found. {} is \

@@ -261,10 +261,7 @@ impl Prepared {
 
     /// The base that `result` is about.
     pub(super) fn of_result(self, result: &DiagnosisResult) -> Identified {
-        let chosen = result.structures.iter().find_map(|row| {
-            let fit = row.outcome.as_ref().ok().filter(|fit| fit.chosen)?;
-            (!row.given).then_some(fit)
-        });
+        let chosen = result.chosen().filter(|(row, _)| !row.given);
         match (self.given, chosen) {
             (Some(given), None) => *given,
             (given, chosen) => {
@@ -277,7 +274,7 @@ impl Prepared {
                         result.structures.len()
                     ),
                     runs: given.map_or_else(Vec::new, |given| given.runs),
-                    restarts: chosen.map_or(0, |fit| fit.restarts),
+                    restarts: chosen.map_or(0, |(_, fit)| fit.restarts),
                 }
             }
         }
