@@ -53,7 +53,7 @@ impl Fitted {
     }
 }
 
-/// Derivatives known from a nearby point, one for each number; `None` where a derivative is not known. Empty if none is known.
+/// Derivatives known from a nearby point, one for each number; `None` where a derivative is not known, and no derivatives if none is.
 pub(super) type Nearby = Vec<Option<Vec<f64>>>;
 
 /// The inputs of a joint fit.
@@ -87,8 +87,13 @@ impl Joint<'_> {
         }
         let stop = Stop { evaluations, cost: CONVERGED, step: CONVERGED };
         let from = |start: &[f64], nearby| {
-            let problem =
-                Simulated { joint: self, space: &space, best: Mutex::new(None), nearby: Mutex::new(nearby) };
+            let problem = Simulated {
+                joint: self,
+                space: &space,
+                free: space.bounds().iter().map(|[low, high]| low < high).collect(),
+                best: Mutex::new(None),
+                nearby: Mutex::new(nearby),
+            };
             minimise(&problem, start, &space.bounds(), &stop).ok_or(Error::Cancelled)
         };
         let mut found = from(&space.values(), nearby)?;
@@ -108,24 +113,30 @@ impl Joint<'_> {
     /// Also returns how many belong to the base.
     pub(super) fn jacobian(&self, fitted: &Fitted) -> Result<(Vec<Vec<f64>>, usize), Error> {
         let space = Space::new(&fitted.model, self.scales, self.ranges, self.base_moves)?;
+        let all = vec![true; space.values().len()];
         let columns = self
-            .columns(&space, &space.values(), &fitted.predicted_n, Nearby::new())
+            .columns(&space, &space.values(), &fitted.predicted_n, &all, Nearby::new())
             .ok_or(Error::Cancelled)?;
         Ok((columns, space.of_base()))
     }
 
     /// The derivatives at `at`, where the simulated force is `predicted_n`. If the simulation is not finite after a step in a number, the
-    /// derivative by it is zeros. Derivatives in `known` are used as they are. `None` if the work was cancelled.
+    /// derivative by it is zeros. Derivatives in `known` are used as they are. Numbers that are not in `wanted` have an empty one.
+    /// `None` if the work was cancelled.
     fn columns(
         &self,
         space: &Space,
         at: &[f64],
         predicted_n: &[f64],
+        wanted: &[bool],
         mut known: Nearby,
     ) -> Option<Vec<Vec<f64>>> {
         let steps = space.steps(at);
         known.resize(steps.len(), None);
         let column = |((j, step), known): ((usize, &f64), Option<Vec<f64>>)| {
+            if !wanted[j] {
+                return Some(Vec::new());
+            }
             if known.is_some() {
                 return known;
             }
@@ -157,6 +168,8 @@ impl Joint<'_> {
 struct Simulated<'a, 'b> {
     joint: &'a Joint<'b>,
     space: &'a Space,
+    /// Whether the bounds let each number move. The solver needs no derivatives by the others.
+    free: Vec<bool>,
     /// The best point so far, with its derivatives. The solver evaluates one point at a time.
     best: Mutex<Option<Point>>,
     /// Derivatives known in advance; used up by the first point.
@@ -185,7 +198,8 @@ impl Simulated<'_, '_> {
         let Some(mut best) = best.filter(|best| best.updates < UPDATES) else {
             // A poisoned lock is harmless: no thread panics while it holds the lock.
             let nearby = std::mem::take(&mut *self.nearby.lock().unwrap_or_else(PoisonError::into_inner));
-            return Some((self.joint.columns(self.space, parameters, &fitted.predicted_n, nearby)?, 0));
+            let all = self.joint.columns(self.space, parameters, &fitted.predicted_n, &self.free, nearby)?;
+            return Some((all, 0));
         };
         // The numbers have different units; each is scaled by the step of its derivative.
         let steps = self.space.steps(parameters);

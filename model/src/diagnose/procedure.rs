@@ -61,11 +61,41 @@ struct Pair {
     found_confirm: Fitted,
 }
 
+/// The base and what the rounds found, before the effects are checked against each other.
+pub(super) struct Searched {
+    base: Fitted,
+    found: Fitted,
+    floor: NoiseFloor,
+    /// Squared error of the noise on the training rows, N².
+    noise: f64,
+    /// Lack of fit of the base.
+    lof: f64,
+    /// Number of rounds so far.
+    rounds: usize,
+    /// No round is left, or the last one found nothing.
+    complete: bool,
+    results: RoundResults,
+}
+
+impl Searched {
+    /// The base with the effects that the rounds found.
+    pub(super) const fn model(&self) -> &Augmented {
+        &self.found.model
+    }
+
+    /// True if no round is left, or the last one found nothing.
+    pub(super) const fn is_complete(&self) -> bool {
+        self.complete
+    }
+}
+
 /// The results of the rounds.
 #[derive(Default)]
 struct RoundResults {
     /// p and class of each effect that was named, by its id.
     named: HashMap<&'static str, (f64, Vec<&'static str>)>,
+    /// The effects of the model at the start of each round, in order.
+    starts: Vec<Vec<&'static str>>,
     /// Why the base is inadequate; `None` if it is adequate.
     base_fault: Option<BaseFault>,
     candidates: Vec<super::Candidate>,
@@ -169,22 +199,42 @@ impl<'a> Procedure<'a> {
 
     /// Runs the diagnosis.
     pub(super) fn run(&self, stage: &dyn Fn(Stage)) -> Result<DiagnosisResult, Error> {
+        let mut searched = self.begin(stage)?;
+        while !searched.complete {
+            self.next_round(&mut searched, stage)?;
+        }
+        self.finish(self.check(searched, stage)?, stage)
+    }
+
+    /// Fits the base, before the first round.
+    pub(super) fn begin(&self, stage: &dyn Fn(Stage)) -> Result<Searched, Error> {
         stage(Stage::Base);
         let Some(base) = self.joint().refit(&self.base.augmented(), FINAL)? else {
             return Err(DiagnosisError::BaseDiverges.into());
         };
-        let base_floor = self.noise_floor(&base)?;
-        let noise = (base_floor.rsse_n * base_floor.rsse_n * self.estimate.len() as f64).min(base.squares);
-        let lof_before = 1.0 - noise / base.squares;
-        let mut results = RoundResults::default();
-        let mut found = base.clone();
-        if lof_before >= NOTHING {
-            found = self.name(found, noise, &mut results, stage)?;
-            stage(Stage::Pruning);
-            found = self.refine(found, noise)?;
-            found = self.prune(found, noise, &mut results)?;
-            found = self.exchange(found, noise, &mut results)?;
+        let floor = self.noise_floor(&base)?;
+        let noise = (floor.rsse_n * floor.rsse_n * self.estimate.len() as f64).min(base.squares);
+        let lof = 1.0 - noise / base.squares;
+        let (found, complete) = (base.clone(), lof < NOTHING);
+        Ok(Searched { base, found, floor, noise, lof, rounds: 0, complete, results: RoundResults::default() })
+    }
+
+    /// Refines the effects found and checks them against each other.
+    pub(super) fn check(&self, searched: Searched, stage: &dyn Fn(Stage)) -> Result<Searched, Error> {
+        if searched.results.named.is_empty() {
+            return Ok(searched);
         }
+        stage(Stage::Pruning);
+        let Searched { noise, mut results, .. } = searched;
+        let mut found = self.refine(searched.found, noise)?;
+        found = self.prune(found, noise, &mut results)?;
+        found = self.exchange(found, noise, &mut results)?;
+        Ok(Searched { found, results, ..searched })
+    }
+
+    /// Checks the base, reads the test runs, and puts the result together.
+    pub(super) fn finish(&self, searched: Searched, stage: &dyn Fn(Stage)) -> Result<DiagnosisResult, Error> {
+        let Searched { base, found, floor: base_floor, noise, lof: lof_before, mut results, .. } = searched;
         let mut pair = self.pair(base, found)?;
         // The model maps input noise to force noise, so the floor is computed again for the augmented model.
         let mut floor = match results.named.is_empty() {
@@ -221,39 +271,41 @@ impl<'a> Procedure<'a> {
         Ok(if floor.source == FloorSource::Estimated && contradicted { NoiseFloor::UNKNOWN } else { floor })
     }
 
-    /// Adds effects, one a round, until no candidate passes.
-    fn name(
+    /// Adds at most one effect. The search is complete if no candidate passes.
+    pub(super) fn next_round(
         &self,
-        mut current: Fitted,
-        noise: f64,
-        results: &mut RoundResults,
+        searched: &mut Searched,
         stage: &dyn Fn(Stage),
-    ) -> Result<Fitted, Error> {
-        let least = NEXT_TO_NOTHING * (current.squares - noise);
-        for number in 1..=self.settings.most_effects {
-            if current.squares - noise < least {
-                break;
-            }
-            stage(Stage::Scores(number));
-            let round = Round { least, ..self.round(noise, number) };
-            let scores = score::scores(&round.joint, &self.confirm, &current, self.settings)?;
-            stage(Stage::Refits(number));
-            let outcome = round.run(&current, &scores)?;
-            if number == 1 {
-                results.untestable = scores.untestable;
-            }
-            results.candidates.extend(outcome.candidates);
-            for refused in outcome.refused {
-                results.refused.retain(|before| before.effect != refused.effect);
-                results.refused.push(refused);
-            }
-            let Some(Passed { effect, fitted, class, p_adjusted }) = outcome.passed else { break };
+    ) -> Result<(), Error> {
+        let Searched { base, found, noise, results, rounds, complete, .. } = searched;
+        let least = NEXT_TO_NOTHING * (base.squares - *noise);
+        *complete |= found.squares - *noise < least;
+        if *complete {
+            return Ok(());
+        }
+        *rounds += 1;
+        stage(Stage::Scores(*rounds));
+        results.starts.push(found.model.effects().ids().collect());
+        let round = Round { least, ..self.round(*noise, *rounds) };
+        let scores = score::scores(&round.joint, &self.confirm, found, self.settings)?;
+        stage(Stage::Refits(*rounds));
+        let outcome = round.run(found, &scores)?;
+        if *rounds == 1 {
+            results.untestable = scores.untestable;
+        }
+        results.candidates.extend(outcome.candidates);
+        for refused in outcome.refused {
+            results.refused.retain(|before| before.effect != refused.effect);
+            results.refused.push(refused);
+        }
+        *complete = *rounds == self.settings.most_effects || outcome.passed.is_none();
+        if let Some(Passed { effect, fitted, class, p_adjusted }) = outcome.passed {
             results.refused.retain(|refused| refused.effect.id() != effect.id());
             results.named.insert(effect.id(), (p_adjusted, class));
             results.fits.push(fitted.clone());
-            current = fitted;
+            *found = fitted;
         }
-        Ok(current)
+        Ok(())
     }
 
     /// Why the base is inadequate; `None` if it is adequate.
@@ -346,7 +398,8 @@ impl<'a> Procedure<'a> {
     }
 
     /// Searches each of several effects again among its confounders, in the presence of the others. An effect was chosen, and its class
-    /// found, while the error of those named after it was still there, which may have hidden that another one fits better.
+    /// found, while the error of those named after it was still there, which may have hidden that another one fits better. The effect of
+    /// a round that began with all the others is not searched again.
     fn exchange(&self, mut current: Fitted, noise: f64, results: &mut RoundResults) -> Result<Fitted, Error> {
         if results.named.len() < 2 {
             return Ok(current);
@@ -356,6 +409,9 @@ impl<'a> Procedure<'a> {
             let is_it = |other: &EffectModel| other.effect() == effect;
             let Some(index) = current.model.effects().as_slice().iter().position(is_it) else { continue };
             let Some(without) = results.without[index].clone() else { continue };
+            if results.starts.iter().any(|start| without.model.effects().ids().eq(start.iter().copied())) {
+                continue;
+            }
             let Some(effects) = self.settings.effects.among(effect) else { continue };
             let settings = Settings { effects, ..*self.settings };
             let round = Round { settings: &settings, ..self.round(noise, 0) };
@@ -463,7 +519,9 @@ impl<'a> Procedure<'a> {
         for (index, effect) in found.model.effects().as_slice().iter().enumerate() {
             // An effect that no round named was already in the base.
             let Some((p_adjusted, class)) = results.named.remove(effect.effect().id()) else { continue };
-            let without = if alone { Some(&pair.base) } else { results.without[index].as_ref() };
+            // Without the checks, the model without an effect is not known.
+            let without =
+                if alone { Some(&pair.base) } else { results.without.get(index).and_then(Option::as_ref) };
             let share = |without: &Fitted| (without.squares - found.squares) / all;
             let confirmed = |without: &Fitted| round.confirmed(&without.model, &found.model).unwrap_or(0.0);
             effects.push(NamedEffect {

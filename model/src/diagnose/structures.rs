@@ -12,6 +12,11 @@
 //!                      parameters within their intervals
 //! ```
 //!
+//! The structures are searched side by side, a round each. A structure that another one surpasses by far, although that one had a round
+//! less, is not searched further. One round less is what a structure with memory is ahead of one without: it may contain one effect of the
+//! library by itself. Structures that are far behind after the rounds cannot be chosen, and their effects are not checked against each
+//! other, which costs more than the rounds.
+//!
 //! An effect that only some of them need may be a part of the damper's own behaviour that the others already contain. It is refused
 //! with that reason, and the chosen structure is diagnosed again with the effects that hold.
 
@@ -19,7 +24,7 @@ use super::finding::{
     DiagnosisResult, FoundParameter, NamedEffect, RefusedEffect, StructureFit, StructureRow,
 };
 use super::joint::Fitted;
-use super::procedure::Procedure;
+use super::procedure::{Procedure, Searched};
 use super::refusal::Refusal;
 use super::rows::Rows;
 use super::{Runs, Settings, Stage, check, test_runs};
@@ -30,7 +35,12 @@ use crate::model::Model;
 
 /// A structure fits worse than the best one if the ratio of their squared errors is below this and its interval is below one.
 const ABOUT_AS_WELL: f64 = 0.9;
-/// The same where the validation runs are too short for an interval.
+/// A structure is not searched further if the squared error of another one, a round earlier, is below this share of its own.
+const SURPASSED: f64 = 0.1;
+/// A structure is far behind if this ratio is below this with the effects that the rounds found. The checks of these effects, which follow,
+/// change the error by much less.
+const FAR_BEHIND: f64 = 0.5;
+/// The limit of [`ABOUT_AS_WELL`] where the validation runs are too short for an interval.
 const ABOUT_AS_WELL_UNPROVED: f64 = 0.8;
 /// Parameters of an effect under two structures are the same if they differ by less than this share, or if their intervals overlap.
 const SAME_PARAMETER: f64 = 0.25;
@@ -74,13 +84,21 @@ pub struct Bases<'a> {
     pub options: &'a Options,
 }
 
-/// A structure that was identified and diagnosed.
-struct Diagnosed {
+/// A structure that was identified and is searched for effects.
+struct Candidate {
     base: Model,
     /// Starting points of its identification; 0 for the given base.
     restarts: u32,
-    result: DiagnosisResult,
+    searched: Searched,
     /// The model with its effects on the validation runs.
+    confirm: Fitted,
+}
+
+/// A structure that was identified and diagnosed.
+struct Diagnosed {
+    base: Model,
+    restarts: u32,
+    result: DiagnosisResult,
     confirm: Fitted,
 }
 
@@ -138,22 +156,24 @@ pub fn close_any(
     check::check_before_base(runs, settings)?;
     let confirm = Rows::new(runs.confirm, settings.most_rows);
     let choice = Choice { options: bases.options, runs, settings, confirm, watch, stage };
-    let mut tried: Vec<(&'static str, Result<Diagnosed, Error>)> = Vec::new();
+    let mut searched: Vec<(&'static str, Result<Candidate, Error>)> = Vec::new();
     let given = bases.given.map(|base| base.force.name());
     if let Some(base) = bases.given {
         let name = base.force.name();
         stage(Stage::Structure(name));
-        tried.push((name, Ok(choice.diagnosed_base(*base, 0)?)));
+        searched.push((name, Ok(choice.candidate(*base, 0)?)));
     }
     for spec in bases.structures.iter().filter(|spec| Some(spec.structure().name()) != given) {
         let name = spec.structure().name();
         stage(Stage::Structure(name));
-        let one = choice.diagnosed(*spec);
+        let one = choice.begun(*spec);
         if matches!(one, Err(Error::Cancelled)) {
             return Err(Error::Cancelled);
         }
-        tried.push((name, one));
+        searched.push((name, one));
     }
+    choice.search(&mut searched)?;
+    let tried = choice.diagnosed(searched)?;
     let usable: Vec<(&'static str, &Diagnosed)> =
         tried.iter().filter_map(|(name, one)| Some((*name, one.as_ref().ok()?))).collect();
     let best = usable.iter().min_by(|(_, a), (_, b)| a.confirm.squares.total_cmp(&b.confirm.squares));
@@ -189,21 +209,80 @@ struct Choice<'a> {
 }
 
 impl Choice<'_> {
-    /// Identifies a structure on the training runs and diagnoses it.
-    fn diagnosed(&self, spec: ModelSpec) -> Result<Diagnosed, Error> {
+    /// Identifies a structure on the training runs.
+    fn begun(&self, spec: ModelSpec) -> Result<Candidate, Error> {
         match spec.structure() {
             Structure::Law(_) => {
                 let restarts = self.options.restarts.min(LAW_RESTARTS);
-                self.diagnosed_base(self.identified_law(spec, restarts)?, restarts)
+                self.candidate(self.identified_law(spec, restarts)?, restarts)
             }
-            _ => self.diagnosed_base(self.identified(spec, self.options)?, self.options.restarts),
+            _ => self.candidate(self.identified(spec, self.options)?, self.options.restarts),
         }
     }
 
-    fn diagnosed_base(&self, base: Model, restarts: u32) -> Result<Diagnosed, Error> {
-        let result = self.diagnose(&base, self.settings)?;
-        let confirm = test_runs::fitted(&self.confirm, &result.after.augmented())?;
-        Ok(Diagnosed { base, restarts, result, confirm })
+    fn candidate(&self, base: Model, restarts: u32) -> Result<Candidate, Error> {
+        let searched = self.procedure(&base, self.settings)?.begin(self.stage)?;
+        let confirm = test_runs::fitted(&self.confirm, searched.model())?;
+        Ok(Candidate { base, restarts, searched, confirm })
+    }
+
+    /// Searches the structures for effects, a round each in turn.
+    fn search(&self, searched: &mut [(&'static str, Result<Candidate, Error>)]) -> Result<(), Error> {
+        // The least error a round earlier; before the first round no structure is surpassed.
+        let mut earlier = f64::INFINITY;
+        for _ in 0..self.settings.most_effects {
+            let usable = || searched.iter().filter_map(|(_, one)| one.as_ref().ok());
+            let least = usable().map(|one| one.confirm.squares).fold(f64::INFINITY, f64::min);
+            for (name, one) in searched.iter_mut() {
+                let Ok(candidate) = one else { continue };
+                if candidate.searched.is_complete() || earlier < SURPASSED * candidate.confirm.squares {
+                    continue;
+                }
+                (self.stage)(Stage::Structure(name));
+                match self.next_round(candidate) {
+                    Ok(()) => {}
+                    Err(Error::Cancelled) => return Err(Error::Cancelled),
+                    Err(error) => *one = Err(error),
+                }
+            }
+            earlier = least;
+        }
+        Ok(())
+    }
+
+    fn next_round(&self, one: &mut Candidate) -> Result<(), Error> {
+        self.procedure(&one.base, self.settings)?.next_round(&mut one.searched, self.stage)?;
+        one.confirm = test_runs::fitted(&self.confirm, one.searched.model())?;
+        Ok(())
+    }
+
+    /// Completes the diagnosis of each structure. The effects of a structure that is far behind are not checked against each other.
+    fn diagnosed(
+        &self,
+        searched: Vec<(&'static str, Result<Candidate, Error>)>,
+    ) -> Result<Vec<(&'static str, Result<Diagnosed, Error>)>, Error> {
+        let squares = |one: &Candidate| one.confirm.squares;
+        let least = searched
+            .iter()
+            .filter_map(|(_, one)| one.as_ref().ok())
+            .map(squares)
+            .fold(f64::INFINITY, f64::min);
+        let complete = |one: Candidate| {
+            let procedure = self.procedure(&one.base, self.settings)?;
+            let keeps_up = least > FAR_BEHIND * one.confirm.squares;
+            let found = if keeps_up { procedure.check(one.searched, self.stage)? } else { one.searched };
+            let result = procedure.finish(found, self.stage)?;
+            let confirm = test_runs::fitted(&self.confirm, &result.after.augmented())?;
+            Ok(Diagnosed { base: one.base, restarts: one.restarts, result, confirm })
+        };
+        let mut all = Vec::new();
+        for (name, one) in searched {
+            match one.and_then(complete) {
+                Err(Error::Cancelled) => return Err(Error::Cancelled),
+                one => all.push((name, one)),
+            }
+        }
+        Ok(all)
     }
 
     fn identified(&self, spec: ModelSpec, options: &Options) -> Result<Model, Error> {
@@ -228,9 +307,8 @@ impl Choice<'_> {
     }
 
     /// The diagnosis of one base, without its check against an alternative structure: the structures are compared here.
-    fn diagnose(&self, base: &Model, settings: &Settings) -> Result<DiagnosisResult, Error> {
-        let procedure = Procedure::new(base, self.runs, settings, self.watch)?;
-        procedure.with_structure_compared().run(self.stage)
+    fn procedure<'b>(&'b self, base: &'b Model, settings: &'b Settings) -> Result<Procedure<'b>, Error> {
+        Ok(Procedure::new(base, self.runs, settings, self.watch)?.with_structure_compared())
     }
 
     /// True if `one` fits the validation rows about as well as `best`.
@@ -262,7 +340,8 @@ impl Choice<'_> {
             }
             dependent.extend(more);
             let effects = self.settings.effects.without(dependent.iter().map(|refused| refused.effect.id()));
-            result = self.diagnose(&chosen.base, &Settings { effects, ..*self.settings })?;
+            let settings = Settings { effects, ..*self.settings };
+            result = self.procedure(&chosen.base, &settings)?.run(self.stage)?;
         }
         let excluded = |refused: &RefusedEffect| refused.why == Refusal::Excluded;
         result.untestable.retain(|refused| !(excluded(refused) && self.settings.effects.has(refused.effect)));

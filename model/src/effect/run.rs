@@ -301,6 +301,11 @@ impl Effects {
         &self.list[..self.len]
     }
 
+    /// Their ids, in order of application.
+    pub(crate) fn ids(&self) -> impl Iterator<Item = &'static str> {
+        self.as_slice().iter().map(|effect| effect.effect().id())
+    }
+
     /// True if the list is empty.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
