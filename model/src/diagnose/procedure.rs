@@ -272,11 +272,7 @@ impl<'a> Procedure<'a> {
     }
 
     /// Adds at most one effect. The search is complete if no candidate passes.
-    pub(super) fn next_round(
-        &self,
-        searched: &mut Searched,
-        stage: &dyn Fn(Stage),
-    ) -> Result<(), Error> {
+    pub(super) fn next_round(&self, searched: &mut Searched, stage: &dyn Fn(Stage)) -> Result<(), Error> {
         let Searched { base, found, noise, results, rounds, complete, .. } = searched;
         let least = NEXT_TO_NOTHING * (base.squares - *noise);
         *complete |= found.squares - *noise < least;

@@ -14,9 +14,12 @@
 //! | wrong base (thinning) | quasi-static valve with a fluid that shear thins, with no or one effect | no |
 //! | paired | Bouc-Wen valve, with no or one effect, and a healthy run with the same excitation | no |
 //!
+//! The cases without an effect, except paired ones, also come with worse measuring instruments ([`super::instruments`]).
+//!
 //! The rig has a compliance (6 MN/m) in series with its Bouc-Wen and bristle valves, so each case of "wrong base" with them has a spring
 //! in series. A fluid that shear thins is what the library calls a velocity saturation with a negative coefficient.
 
+use super::instruments::Instrument;
 use super::rates::library_id;
 use mr_damper_model::Error;
 use mr_damper_model::rig::inject::{EFFECTS, Effect, inject};
@@ -140,6 +143,8 @@ pub(crate) struct CaseSpec {
     pub(crate) truth: Vec<(&'static str, f64)>,
     /// Size as a multiple of the full size.
     pub(crate) share: f64,
+    /// What the runs are measured with.
+    pub(crate) instrument: Instrument,
 }
 
 /// Runs with a known truth.
@@ -163,6 +168,7 @@ pub(crate) fn catalogue() -> Vec<CaseSpec> {
         kind,
         truth: truth.iter().map(|(id, full)| (*id, share * full)).collect(),
         share,
+        instrument: Instrument::Fine,
     };
     let mut specs = vec![spec(Kind::Null, &[], 1.0)];
     for share in [0.5, 1.0, 2.0] {
@@ -171,9 +177,12 @@ pub(crate) fn catalogue() -> Vec<CaseSpec> {
     specs.extend(PAIRS.map(|ids| spec(Kind::Pair, &ids.map(|id| (id, full_size(id))), 1.0)));
     specs.extend(OUTSIDE.map(|effect| spec(Kind::Outside, &[effect], 1.0)));
     let valves = [Valve::BoucWen, Valve::Bristle, Valve::Thinning].map(Kind::WrongBase);
-    for kind in valves.into_iter().chain([Kind::Paired]) {
+    for kind in valves.iter().copied().chain([Kind::Paired]) {
         specs.push(spec(kind, &[], 1.0));
         specs.extend(sizes().into_iter().map(|effect| spec(kind, &[effect], 1.0)));
+    }
+    for kind in [Kind::Null].into_iter().chain(valves) {
+        specs.extend(Instrument::WORSE.map(|instrument| CaseSpec { instrument, ..spec(kind, &[], 1.0) }));
     }
     specs
 }
@@ -192,10 +201,14 @@ impl CaseSpec {
     /// The name, for example `single coil_lag x0.5`.
     pub(crate) fn name(&self) -> String {
         let ids: Vec<&str> = self.truth.iter().map(|(id, _)| *id).collect();
-        match (self.kind, ids.as_slice()) {
+        let truth = match (self.kind, ids.as_slice()) {
             (kind, []) if kind == Kind::Null => kind.name().to_owned(),
             (kind, []) => format!("{} null", kind.name()),
             (kind, ids) => format!("{} {} x{}", kind.name(), ids.join(" + "), self.share),
+        };
+        match self.instrument {
+            Instrument::Fine => truth,
+            worse => format!("{truth}, {}", worse.name()),
         }
     }
 
@@ -280,10 +293,13 @@ impl CaseSpec {
                 _ => inject(id, size, &mut plant, &mut channels)?,
             }
         }
-        let template = experiment(&self.name());
+        let mut template = experiment(&self.name());
+        if self.instrument == Instrument::OneCurrent {
+            template.current = Current::Constant { current_a: 1.2 };
+        }
         let (experiment, _) = template.replicate(which as u32 + 1, seed, Pattern::New);
         let (_, seed) = template.replicate(noise as u32 + 1, seed, Pattern::New);
-        Ok(record(&experiment, &plant, &channels, seed))
+        Ok(self.instrument.apply(record(&experiment, &plant, &channels, seed), seed))
     }
 }
 

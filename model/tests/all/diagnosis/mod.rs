@@ -6,6 +6,7 @@
 #![allow(dead_code, reason = "the tests and the example each use a part of it")]
 
 pub(crate) mod cases;
+pub(crate) mod instruments;
 pub(crate) mod intervals;
 pub(crate) mod outcome;
 pub(crate) mod rates;
