@@ -7,7 +7,7 @@
 //! ```
 //!
 //! g is the derivative of the simulated force by the parameter p, projected off the derivatives by all other numbers of the model, and r
-//! the residual. The scatter over blocks shows chance only. Other errors shift a parameter by the same amount on every block: how the
+//! the residual. For even stamps, the shift is g'r / g'g with both of the changed rows. The scatter over blocks shows chance only. Other errors shift a parameter by the same amount on every block: how the
 //! recorded channels are read between their samples, how velocity is computed, and noise in the inputs. [`super::variants`] gives the
 //! changes of force d_v, and the share m_v +- w_v of each that may be real. The shift is what one step of least squares would do.
 //!
@@ -22,14 +22,15 @@ use super::rows::dot;
 use super::variants::{self, Change};
 use crate::effect::Parameter;
 use crate::error::Error;
+use crate::identify::Dataset;
 use crate::statistics::block_sums::t95;
 
 /// The parts of an interval.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Contents {
-    /// Chance only. An effect is accepted or refused by this interval.
+    /// Chance only. It decides which effects are in one class.
     Chance,
-    /// Chance and the variants. This interval is reported.
+    /// Chance and the variants. This interval is reported, and an effect is accepted or refused by it.
     All,
 }
 
@@ -43,6 +44,14 @@ pub(super) struct Intervals<'a> {
     columns: Vec<Vec<f64>>,
     of_base: usize,
     changes: Vec<Change>,
+    /// `None` if the stamps are even.
+    on_even_stamps: Option<Linear>,
+}
+
+/// A model on some rows: derivatives of the simulated force, and the residual.
+struct Linear {
+    columns: Vec<Vec<f64>>,
+    residual_n: Vec<f64>,
 }
 
 impl<'a> Intervals<'a> {
@@ -57,11 +66,14 @@ impl<'a> Intervals<'a> {
         contents: Contents,
     ) -> Result<Self, Error> {
         let (columns, of_base) = joint.jacobian(fitted)?;
-        let changes = match contents {
-            Contents::Chance => Vec::new(),
-            Contents::All => variants::changes(joint.rows, &fitted.model, &fitted.predicted_n),
+        let (changes, on_even_stamps) = match contents {
+            Contents::Chance => (Vec::new(), None),
+            Contents::All => (
+                variants::changes(joint.rows, &fitted.model, &fitted.predicted_n),
+                on_even_stamps(joint, fitted)?,
+            ),
         };
-        Ok(Self { joint, fitted, block_s, columns, of_base, changes })
+        Ok(Self { joint, fitted, block_s, columns, of_base, changes, on_even_stamps })
     }
 
     /// The parameters of effect number `index` with their intervals.
@@ -81,9 +93,7 @@ impl<'a> Intervals<'a> {
 
     /// The interval of the number with the derivative `column`, found as `value`.
     fn ci95(&self, column: usize, value: f64) -> [f64; 2] {
-        let others = self.columns.iter().enumerate().filter(|(k, _)| *k != column).map(|(_, c)| c.clone());
-        let mut own = self.columns[column].clone();
-        Basis::of(others).take_out(&mut own);
+        let own = own(&self.columns, column);
         let information = dot(&own, &own);
         let residual_n = &self.fitted.residual_n;
         let series: Vec<f64> = own.iter().zip(residual_n).map(|(g, r)| g * r).collect();
@@ -97,7 +107,40 @@ impl<'a> Intervals<'a> {
             middle += change.share * shift;
             squares += (change.margin * shift).powi(2);
         }
+        if let Some(even) = &self.on_even_stamps {
+            let own = self::own(&even.columns, column);
+            let power = dot(&own, &own);
+            let shift = if power > 0.0 { dot(&own, &even.residual_n) / power } else { 0.0 };
+            let [share, margin] = variants::EVEN_STAMPS;
+            middle += share * shift;
+            squares += (margin * shift).powi(2);
+        }
         let half = squares.sqrt();
         [value.min(middle - half), value.max(middle + half)]
     }
+}
+
+/// Column number `column`, projected off the others.
+fn own(columns: &[Vec<f64>], column: usize) -> Vec<f64> {
+    let others = columns.iter().enumerate().filter(|(k, _)| *k != column).map(|(_, c)| c.clone());
+    let mut own = columns[column].clone();
+    Basis::of(others).take_out(&mut own);
+    own
+}
+
+/// `fitted` on the same rows with even stamps; `None` if they are even, or if the simulation is not finite there.
+fn on_even_stamps(joint: &Joint, fitted: &Fitted) -> Result<Option<Linear>, Error> {
+    let runs = joint.rows.runs().iter().map(|run| run.dataset);
+    let even: Vec<Option<Dataset>> = runs.clone().map(variants::even_stamps).collect();
+    if even.iter().all(Option::is_none) {
+        return Ok(None);
+    }
+    let with = |(even, run): (Option<Dataset>, &Dataset)| {
+        even.unwrap_or_else(|| Dataset { rows: run.rows.clone(), name: run.name.clone(), ..*run })
+    };
+    let datasets: Vec<Dataset> = even.into_iter().zip(runs).map(with).collect();
+    let rows = joint.rows.with_datasets(&datasets);
+    let Some(fitted) = Fitted::as_is(fitted.model, &rows) else { return Ok(None) };
+    let (columns, _) = Joint { rows: &rows, ..*joint }.jacobian(&fitted)?;
+    Ok(Some(Linear { columns, residual_n: fitted.residual_n }))
 }

@@ -7,7 +7,7 @@ use super::finding::{
 use super::interval::Contents;
 use super::joint::{Fitted, Joint};
 use super::refusal::{BaseFault, Refusal};
-use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round};
+use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round, implausible};
 use super::rows::{Rows, dot};
 use super::space::{with_effect, without_effect};
 use super::{Runs, Settings, Stage, alternative, check, correlation, floor, paired, score, test_runs};
@@ -229,6 +229,7 @@ impl<'a> Procedure<'a> {
         let mut found = self.refine(searched.found, noise)?;
         found = self.prune(found, noise, &mut results)?;
         found = self.exchange(found, noise, &mut results)?;
+        found = self.plausible(found, noise, &mut results)?;
         Ok(Searched { found, results, ..searched })
     }
 
@@ -432,6 +433,35 @@ impl<'a> Procedure<'a> {
             } else if let Some((_, known)) = results.named.get_mut(found.id()) {
                 *known = class;
             }
+        }
+        Ok(current)
+    }
+
+    /// Removes effects whose parameters are not plausible beside the others: an effect was accepted before those named after it.
+    fn plausible(
+        &self,
+        mut current: Fitted,
+        noise: f64,
+        results: &mut RoundResults,
+    ) -> Result<Fitted, Error> {
+        while results.named.len() > 1 {
+            let joint = self.joint();
+            let round = self.round(noise, 0);
+            let intervals = round.intervals(&current, Contents::All)?;
+            let effects = current.model.effects().as_slice();
+            let objection = |(index, effect): (usize, &EffectModel)| {
+                results.named.contains_key(effect.effect().id()).then_some(())?;
+                let why = intervals.of(index).iter().find_map(|found| implausible(effect, found, &joint))?;
+                Some((index, effect.effect(), why))
+            };
+            let Some((index, effect, why)) = effects.iter().enumerate().find_map(objection) else { break };
+            drop(intervals);
+            let Some(without) = results.without.get(index).cloned().flatten() else { break };
+            results.refused.push(RefusedEffect { effect, why });
+            results.named.remove(effect.id());
+            results.fits.push(without.clone());
+            results.without = self.without_each(&without, &results.fits)?;
+            current = without;
         }
         Ok(current)
     }

@@ -169,7 +169,7 @@ impl Round<'_> {
         let Some(index) = effects.iter().position(|e| e.effect() == candidate.score.effect) else {
             return Ok(Err(Refusal::Diverges));
         };
-        for found in self.intervals(&fitted, Contents::Chance)?.of(index) {
+        for found in self.intervals(&fitted, Contents::All)?.of(index) {
             if let Some(why) = implausible(&effects[index], &found, &self.joint) {
                 return Ok(Err(why));
             }
@@ -265,7 +265,7 @@ impl Round<'_> {
 }
 
 /// Why the value found for a parameter is not plausible; `None` if it is.
-fn implausible(effect: &EffectModel, found: &FoundParameter, joint: &Joint) -> Option<Refusal> {
+pub(super) fn implausible(effect: &EffectModel, found: &FoundParameter, joint: &Joint) -> Option<Refusal> {
     let parameter = effect.effect().parameters().iter().find(|p| p.name == found.name)?;
     let [low, high] = found.range;
     let margin = 1e-3 * (high - low);

@@ -109,6 +109,16 @@ impl<'a> Rows<'a> {
         Self { runs, measured_n }
     }
 
+    /// The same rows of `datasets`, which replace the runs and have as many rows.
+    pub(super) fn with_datasets<'b>(&self, datasets: &'b [Dataset]) -> Rows<'b> {
+        let replaced = |(run, dataset): (&RunRows, &'b Dataset)| {
+            debug_assert_eq!(run.dataset.rows.len(), dataset.rows.len(), "one row for each");
+            RunRows { dataset, indices: run.indices.clone(), range: run.range.clone(), step_s: run.step_s }
+        };
+        let runs = self.runs.iter().zip(datasets).map(replaced).collect();
+        Rows { runs, measured_n: self.measured_n.clone() }
+    }
+
     /// The same rows with a different force to explain.
     pub(super) fn with_force(self, measured_n: Vec<f64>) -> Self {
         debug_assert_eq!(measured_n.len(), self.measured_n.len(), "one force a row");

@@ -9,8 +9,11 @@
 //! fits about as well   the interval of (error of the best / error of this one) reaches one, or the ratio is above 0.9
 //! chosen               the first structure that fits about as well as the best: the given base, then from simple to flexible
 //! named                an effect of the chosen structure that every structure that fits about as well names too, with the same
-//!                      parameters within their intervals
+//!                      parameters within their intervals; likewise every simpler structure that is not far behind
 //! ```
+//!
+//! Noise in the velocity favours structures with memory, which filter it. A simpler structure that fits worse for that reason may still be
+//! the damper's.
 //!
 //! The structures are searched side by side, a round each. A structure that another one surpasses by far, although that one had a round
 //! less, is not searched further. One round less is what a structure with memory is ahead of one without: it may contain one effect of the
@@ -28,7 +31,7 @@ use super::procedure::{Procedure, Searched};
 use super::refusal::Refusal;
 use super::rows::Rows;
 use super::{Runs, Settings, Stage, check, test_runs};
-use crate::error::{DiagnosisError, Error};
+use crate::error::{DiagnosisError, Error, IdentifyError};
 use crate::force::{ForceLaw, Form};
 use crate::identify::{ModelSpec, Options, Structure, Watch, identify_datasets};
 use crate::model::Model;
@@ -83,6 +86,9 @@ pub struct Bases<'a> {
     /// Settings of their identification.
     pub options: &'a Options,
 }
+
+/// What became of each structure so far, by its name.
+type ByStructure<T> = Vec<(&'static str, Result<T, Error>)>;
 
 /// A structure that was identified and is searched for effects.
 struct Candidate {
@@ -156,7 +162,7 @@ pub fn close_any(
     check::check_before_base(runs, settings)?;
     let confirm = Rows::new(runs.confirm, settings.most_rows);
     let choice = Choice { options: bases.options, runs, settings, confirm, watch, stage };
-    let mut searched: Vec<(&'static str, Result<Candidate, Error>)> = Vec::new();
+    let mut searched: ByStructure<Candidate> = Vec::new();
     let given = bases.given.map(|base| base.force.name());
     if let Some(base) = bases.given {
         let name = base.force.name();
@@ -183,9 +189,12 @@ pub fn close_any(
     };
     let fitting: Vec<(&'static str, &Diagnosed)> =
         usable.iter().filter(|(_, one)| choice.fits_as_well(one, best)).copied().collect();
-    let Some(((_, chosen), others)) = fitting.split_first() else {
+    let Some((_, chosen)) = fitting.first() else {
         return Err(DiagnosisError::BaseDiverges.into());
     };
+    let simpler = usable.iter().take_while(|(_, one)| !std::ptr::eq(*one, *chosen));
+    let not_far = simpler.filter(|(_, one)| choice.keeps_up(&one.confirm, best.confirm.squares));
+    let others: Vec<(&'static str, &Diagnosed)> = fitting[1..].iter().chain(not_far).copied().collect();
     let row = |one: &Diagnosed| {
         let fits_as_well = fitting.iter().any(|(_, fits)| std::ptr::eq(*fits, one));
         one.row(std::ptr::eq(*chosen, one), fits_as_well)
@@ -195,7 +204,7 @@ pub fn close_any(
         given: given.is_some() && index == 0,
         outcome: one.as_ref().map(row).map_err(Clone::clone),
     });
-    Ok(DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, others)? })
+    Ok(DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, &others)? })
 }
 
 /// The choice among structures: what all of them are identified and diagnosed with.
@@ -227,7 +236,7 @@ impl Choice<'_> {
     }
 
     /// Searches the structures for effects, a round each in turn.
-    fn search(&self, searched: &mut [(&'static str, Result<Candidate, Error>)]) -> Result<(), Error> {
+    fn search(&self, searched: &mut ByStructure<Candidate>) -> Result<(), Error> {
         // The least error a round earlier; before the first round no structure is surpassed.
         let mut earlier = f64::INFINITY;
         for _ in 0..self.settings.most_effects {
@@ -257,10 +266,7 @@ impl Choice<'_> {
     }
 
     /// Completes the diagnosis of each structure. The effects of a structure that is far behind are not checked against each other.
-    fn diagnosed(
-        &self,
-        searched: Vec<(&'static str, Result<Candidate, Error>)>,
-    ) -> Result<Vec<(&'static str, Result<Diagnosed, Error>)>, Error> {
+    fn diagnosed(&self, searched: ByStructure<Candidate>) -> Result<ByStructure<Diagnosed>, Error> {
         let squares = |one: &Candidate| one.confirm.squares;
         let least = searched
             .iter()
@@ -269,8 +275,11 @@ impl Choice<'_> {
             .fold(f64::INFINITY, f64::min);
         let complete = |one: Candidate| {
             let procedure = self.procedure(&one.base, self.settings)?;
-            let keeps_up = least > FAR_BEHIND * one.confirm.squares;
-            let found = if keeps_up { procedure.check(one.searched, self.stage)? } else { one.searched };
+            let found = if self.keeps_up(&one.confirm, least) {
+                procedure.check(one.searched, self.stage)?
+            } else {
+                one.searched
+            };
             let result = procedure.finish(found, self.stage)?;
             let confirm = test_runs::fitted(&self.confirm, &result.after.augmented())?;
             Ok(Diagnosed { base: one.base, restarts: one.restarts, result, confirm })
@@ -285,8 +294,15 @@ impl Choice<'_> {
         Ok(all)
     }
 
+    /// Identifies a structure on the training runs; if these hold one level of the drive, without the drive.
     fn identified(&self, spec: ModelSpec, options: &Options) -> Result<Model, Error> {
-        Ok(identify_datasets(spec, self.runs.estimate, options, self.watch)?.model)
+        let identified = |spec| identify_datasets(spec, self.runs.estimate, options, self.watch);
+        match identified(spec) {
+            Err(Error::Identify(IdentifyError::ConstantDrive { .. })) => {
+                Ok(identified(ModelSpec::new(spec.structure(), Form::Passive)?)?.model)
+            }
+            identified => Ok(identified?.model),
+        }
     }
 
     /// A force law with the degree that has the least squared error on the validation runs.
@@ -309,6 +325,11 @@ impl Choice<'_> {
     /// The diagnosis of one base, without its check against an alternative structure: the structures are compared here.
     fn procedure<'b>(&'b self, base: &'b Model, settings: &'b Settings) -> Result<Procedure<'b>, Error> {
         Ok(Procedure::new(base, self.runs, settings, self.watch)?.with_structure_compared())
+    }
+
+    /// True if a structure with the errors `one` on the validation rows is not far behind one with the squared error `best`.
+    fn keeps_up(&self, one: &Fitted, best: f64) -> bool {
+        best > FAR_BEHIND * one.squares
     }
 
     /// True if `one` fits the validation rows about as well as `best`.

@@ -11,12 +11,15 @@
 //! | steady drive | the median of five drives, which keeps steps and removes noise | 0.4 to 2.4 |
 //! | steady motion | displacement from a parabola through five displacements | 1 to 3 |
 //! | other derivative | velocity and acceleration from a parabola through five displacements | -0.5 to 1.5 |
+//! | even stamps ([`even_stamps`]) | the same, with even steps in place of the recorded ones, where these differ | 0 to 1.2 |
 //!
 //! Half the step halves an error of first order and quarters one of second order, so the whole error is 2 or 4/3 of the change. A held drive
 //! comes half a step earlier or later than a straight one, which is twice the change to either side. Noise in an input shifts a parameter
 //! by its variance; the median of five leaves 0.29 of the variance and the parabola 0.49, so the whole shift is 1.4 and 2 times the change.
 //! The three-point derivative and the parabola err in opposite directions, so the truth lies between them or near one.
-//! Each share has a margin, because the variants are coarse.
+//! If stamps jitter, either the samples were taken at these instants, or they were taken at even ones and stamped late. Derivatives
+//! contain as much noise as the velocity then, so the shift is computed with those of the changed rows. Each share has a margin, because
+//! the variants are coarse.
 
 use super::rows::Rows;
 use crate::effect::Augmented;
@@ -28,6 +31,13 @@ use rayon::prelude::*;
 const REACH: usize = 2;
 /// Largest relative difference between the steps of a parabola.
 const EVEN: f64 = 0.1;
+/// Rows to either side of a row whose mean step is the even step.
+const EVEN_REACH: usize = 8;
+/// Largest relative difference between a step and the even step; beyond it a sample is missing.
+const JITTER: f64 = 0.6;
+
+/// Share of the change by [`even_stamps`] that is most likely real, and its margin.
+pub(super) const EVEN_STAMPS: [f64; 2] = [0.6, 0.6];
 
 /// A variant, with the share of its change that may be real.
 struct Variant {
@@ -149,6 +159,25 @@ fn other_derivative(dataset: &Dataset) -> Dataset {
     })
 }
 
+/// `dataset` with even steps in place of the recorded ones where these differ but no sample is missing, and with velocity and acceleration
+/// from a parabola through five displacements there. `None` if no row changes.
+pub(super) fn even_stamps(dataset: &Dataset) -> Option<Dataset> {
+    const WINDOW: usize = 2 * EVEN_REACH + 1;
+    let (mut rows, mut changed) = (dataset.rows.clone(), false);
+    for (row, near) in rows.iter_mut().skip(EVEN_REACH).zip(dataset.rows.array_windows::<WINDOW>()) {
+        let step_s = near[WINDOW - 1].stamp.since(near[0].stamp).get() / (WINDOW - 1) as f64;
+        let differs = |row: &Row| row.dt_s.map_or(f64::INFINITY, |dt_s| (dt_s - step_s).abs() / step_s);
+        let most = near[1..].iter().map(differs).fold(0.0, f64::max);
+        let Some(nearest) = near[EVEN_REACH - REACH..].first_chunk() else { continue };
+        if most > EVEN && most < JITTER {
+            let [_, velocity_m_s, acceleration_m_s2] = motion(nearest, step_s);
+            *row = Row { velocity_m_s, acceleration_m_s2, dt_s: Some(step_s), ..*row };
+            changed = true;
+        }
+    }
+    changed.then(|| Dataset { rows, name: dataset.name.clone(), ..*dataset })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -187,6 +216,25 @@ mod tests {
         assert!(finer.rows[1].acceleration_m_s2.is_finite(), "although the first row lacks one");
         let earlier = held.rows.iter().zip(&finer.rows).filter(|(h, f)| h.drive > f.drive).count();
         assert_eq!(earlier, 9, "one added row at each step of the current");
+    }
+
+    #[test]
+    fn even_stamps_undo_jitter_and_keep_even_rows() {
+        let even = dataset(|t| 0.3 * t * t, |_| 1.0);
+        assert!(even_stamps(&even).is_none(), "nothing to change");
+        // Stamps that are early and late in turn, by an eighth of the step.
+        let late_s = |k: usize| if k.is_multiple_of(2) { 0.125 * STEP_S } else { -0.125 * STEP_S };
+        let mut rows = even.rows.clone();
+        for (k, row) in rows.iter_mut().enumerate() {
+            row.stamp = row.stamp.shifted((1e9 * late_s(k)) as i64);
+            row.dt_s = row.dt_s.map(|dt_s| dt_s + late_s(k) - late_s(k + 1));
+            row.velocity_m_s += 0.01;
+        }
+        let jittered = Dataset { rows, name: even.name.clone(), ..even };
+        let found = even_stamps(&jittered).expect("rows change").rows[100];
+        let at_s = even.rows[100].stamp.nanos() as f64 * 1e-9;
+        assert!((found.velocity_m_s - 0.6 * at_s).abs() < 1e-9, "{found:?}");
+        assert!(found.dt_s.is_some_and(|dt_s| (dt_s - STEP_S).abs() < 1e-9), "{found:?}");
     }
 
     #[test]
