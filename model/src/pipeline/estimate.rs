@@ -160,7 +160,7 @@ impl Pipeline {
         let conditions = Conditions {
             arx_ready: forces.seeded_n.is_some(),
             force_fresh: self.settings.use_measured_force == UseForce::Auto && self.force_is_fresh(stamp),
-            force_odd: self.checks.force_is_odd(&self.damper, &self.settings.plausible),
+            force_odd: self.checks.force_is_odd(&self.damper),
             model_ready: forces.free_n.is_some(),
         };
         let Settings { only_mode, coast_s, hold_s, .. } = self.settings;
@@ -202,7 +202,7 @@ impl Pipeline {
             .free
             .inputs()
             .map(|inputs| Inputs { drive: if drive_counts { inputs.drive } else { f64::NAN }, ..inputs });
-        let force_odd = self.checks.force_is_odd(&self.damper, &self.settings.plausible);
+        let force_odd = self.checks.force_is_odd(&self.damper);
         // Feedback uses the force of this sample only: an older force belongs to another motion.
         let taken = self.last_taken.unwrap_or(stamp);
         let of_this = |at: Stamp| at == taken || step_s.is_some_and(|step_s| taken.since(at).get() < step_s);

@@ -16,6 +16,9 @@
 //! | i_max, r | `current.max_a`, `current.rate_max_a_s`: limits of the driver |
 //! | P | force of the model at rest: offset and gas spring |
 //!
+//! A limit on travel, work or the range of the drive that was passed is half as far from what is normal until the quantity is within it. So
+//! a quantity that stays near a limit does not make a check toggle.
+//!
 //! Velocity is integrated and compared with the change of displacement, because a differentiated displacement is too noisy. Readings
 //! out of a sensor's range, and jumps, do not reach these checks: the gate refuses them. A force that is stuck or drives the rod is
 //! used for residuals only.
@@ -43,6 +46,8 @@ const DISAGREES: f64 = 0.05;
 const LEAST_WAY_M: f64 = 5e-4;
 /// Share of the absolute work that a damper may deliver.
 const GIVES: f64 = 0.2;
+/// Factor of a limit that was passed, until the quantity is within it.
+const RELEASE: f64 = 0.5;
 /// Mean speed below which the work is not checked, m/s.
 const LEAST_SPEED_M_S: f64 = 5e-3;
 
@@ -185,6 +190,7 @@ struct Travel {
     apart: f64,
     both: f64,
     weight: f64,
+    disagrees: bool,
 }
 
 impl Travel {
@@ -203,18 +209,21 @@ impl Travel {
         self.both = keep * self.both + way_m.powi(2) + self.by_velocity_m.powi(2);
         self.weight = keep * self.weight + 1.0;
         (self.begin, self.by_velocity_m) = (Some((stamp, displacement_m)), 0.0);
+        let factor = factor(self.disagrees);
+        self.disagrees = self.weight >= 3.0
+            && self.both > factor * self.weight * LEAST_WAY_M.powi(2)
+            && self.apart > factor * DISAGREES * self.both;
     }
 
     /// Discards the present stretch, because velocity is missing or history restarts.
     fn breaks(&mut self) {
         (self.begin, self.by_velocity_m) = (None, 0.0);
     }
+}
 
-    fn disagrees(&self) -> bool {
-        self.weight >= 3.0
-            && self.both > self.weight * LEAST_WAY_M.powi(2)
-            && self.apart > DISAGREES * self.both
-    }
+/// Factor of a limit; `passed` says whether the quantity was beyond it so far.
+const fn factor(passed: bool) -> f64 {
+    if passed { RELEASE } else { 1.0 }
 }
 
 /// Work that the damper absorbs, with exponential forgetting.
@@ -224,6 +233,8 @@ struct AbsorbedWork {
     to_and_fro_j: f64,
     way_m: f64,
     time_s: f64,
+    /// True if the damper drives the rod.
+    gives: bool,
 }
 
 impl AbsorbedWork {
@@ -234,12 +245,10 @@ impl AbsorbedWork {
         self.to_and_fro_j = keep * self.to_and_fro_j + power_w.abs() * dt_s;
         self.way_m = keep * self.way_m + velocity_m_s.abs() * dt_s;
         self.time_s = keep * self.time_s + dt_s;
-    }
-
-    fn gives(&self, window_s: f64) -> bool {
-        self.time_s > 0.3 * window_s
-            && self.way_m > LEAST_SPEED_M_S * self.time_s
-            && self.taken_j < -GIVES * self.to_and_fro_j
+        let factor = factor(self.gives);
+        self.gives = self.time_s > 0.3 * window_s
+            && self.way_m > factor * LEAST_SPEED_M_S * self.time_s
+            && self.taken_j < -factor * GIVES * self.to_and_fro_j;
     }
 }
 
@@ -263,7 +272,8 @@ impl PlausibilityChecks {
         damper: &DamperProperties,
     ) {
         let most_a = damper.current_max_a;
-        let beyond = !(-0.1 * most_a..=1.2 * most_a).contains(&current_a);
+        let factor = factor(self.drive_odd);
+        let beyond = !(-0.1 * factor * most_a..=(1.0 + 0.2 * factor) * most_a).contains(&current_a);
         let jumps = before.is_some_and(|(at, last_a)| {
             let can_a = 1.5 * damper.current_rate_a_s * stamp.since(at).get() + 0.05 * most_a;
             (current_a - last_a).abs() > can_a
@@ -300,8 +310,8 @@ impl PlausibilityChecks {
 
     /// True while measured force is stuck or drives the rod: it may then be used for residuals only.
     #[inline]
-    pub(super) fn force_is_odd(&self, damper: &DamperProperties, plausible: &Plausible) -> bool {
-        self.force_is_stuck(damper) || self.work.gives(plausible.passive_window_s)
+    pub(super) fn force_is_odd(&self, damper: &DamperProperties) -> bool {
+        self.force_is_stuck(damper) || self.work.gives
     }
 
     fn force_is_stuck(&self, damper: &DamperProperties) -> bool {
@@ -320,15 +330,70 @@ impl PlausibilityChecks {
         if (still && others_move) || self.force_is_stuck(damper) {
             reasons |= Reasons::SENSOR_STUCK;
         }
-        if self.travel.disagrees() {
+        if self.travel.disagrees {
             reasons |= Reasons::VELOCITY_DISAGREES;
         }
         if self.drive_odd {
             reasons |= Reasons::DRIVE_IMPLAUSIBLE;
         }
-        if self.work.gives(plausible.passive_window_s) {
+        if self.work.gives {
             reasons |= Reasons::NOT_PASSIVE;
         }
         reasons
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PER_S: f64 = 500.0;
+
+    fn changes(values: impl IntoIterator<Item = bool>) -> usize {
+        let values: Vec<bool> = values.into_iter().collect();
+        values.windows(2).filter(|pair| pair[0] != pair[1]).count()
+    }
+
+    /// A limit that a quantity crosses again and again; each check changes once and stays.
+    #[test]
+    fn a_quantity_near_its_limit_does_not_make_a_check_toggle() {
+        // The damper gives back about a fifth of its work, a little more and a little less in turn.
+        let (mut work, mut taken) = (AbsorbedWork::default(), 0.0);
+        let gives = (0..20_000).map(|k| {
+            let share = GIVES + 0.05 * (f64::from(k) / 1000.0).sin();
+            // Force and velocity agree in sign in this part of the samples.
+            taken += 0.5 * (1.0 - share);
+            let force_n = if taken >= 1.0 { 100.0 } else { -100.0 };
+            taken %= 1.0;
+            work.see(1.0 / PER_S, force_n, 0.1, 2.0);
+            work.gives
+        });
+        assert_eq!(changes(gives), 1);
+
+        let model = crate::preset::load(crate::preset::BEST_FUZZY_TANH).expect("a preset");
+        let damper = DamperProperties {
+            current_max_a: 2.0,
+            current_rate_a_s: f64::INFINITY,
+            ..DamperProperties::of(&model, &Limits::default())
+        };
+        let mut checks = PlausibilityChecks::default();
+        let odd = (0..100).map(|k| {
+            let current_a = if k % 2 == 0 { 2.39 } else { 2.41 };
+            checks.drive(Stamp::from_nanos(k), current_a, None, &damper);
+            checks.drive_odd
+        });
+        assert_eq!(changes(odd), 1);
+        checks.drive(Stamp::from_nanos(100), 2.1, None, &damper);
+        assert!(!checks.drive_odd, "well within the range");
+
+        // A velocity that is too large by a share that changes about the limit.
+        let mut travel = Travel::default();
+        let disagrees = (0..20_000).map(|k| {
+            let seconds = f64::from(k) / PER_S;
+            let gain = 1.38 + 0.04 * (0.5 * seconds).sin();
+            travel.see(Stamp::from_nanos(i64::from(k) * 2_000_000), 1.0 / PER_S, 0.1 * seconds, 0.1 * gain);
+            travel.disagrees
+        });
+        assert_eq!(changes(disagrees), 1);
     }
 }
