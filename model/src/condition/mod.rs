@@ -15,9 +15,11 @@
 mod align;
 mod derivative;
 mod low_pass;
+mod timing;
 
 pub(crate) use align::{ForceAligner, Hold};
 pub use low_pass::{LowPass, State as LowPassState};
+pub(crate) use timing::Timing;
 
 use crate::error::Error;
 use crate::units::{Hertz, Second};

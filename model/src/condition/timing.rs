@@ -71,7 +71,7 @@ impl Roughness {
 
 /// The times of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Timing {
+pub(crate) struct Timing {
     /// The last stamp, and the time that was assigned to it.
     last: Option<(Stamp, Stamp)>,
     /// The even time of the last sample minus its stamp, s.
@@ -88,7 +88,7 @@ pub(super) struct Timing {
 impl Timing {
     /// The sampling time of the sample with this stamp.
     #[inline]
-    pub(super) fn place(&mut self, stamp: Stamp, value: f64) -> Stamp {
+    pub(crate) fn place(&mut self, stamp: Stamp, value: f64) -> Stamp {
         let Some((last, given)) = self.last else {
             *self =
                 Self { last: Some((stamp, stamp)), values: [value, f64::NAN, f64::NAN], ..Self::default() };
@@ -116,7 +116,7 @@ impl Timing {
     }
 
     /// Clears all state: the next sample is the first.
-    pub(super) fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 

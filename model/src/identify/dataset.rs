@@ -1,10 +1,10 @@
 //! A run as a model sees it: conditioned rows at the displacement stamps.
 //!
-//! Rows are computed with the building blocks of the live pipeline (hold, force aligner, conditioning,
+//! Rows are computed with the building blocks of the live pipeline (hold, force aligner, sampling times, conditioning,
 //! low-pass), in the same order of samples. A model identified on them therefore runs live under the same
 //! conditions: causal filters, the same delays, and a restart after each gap.
 
-use crate::condition::{ApplyTo, Conditioning, ForceAligner, Hold, LowPassState, MotionState};
+use crate::condition::{ApplyTo, Conditioning, ForceAligner, Hold, LowPassState, MotionState, Timing};
 use crate::error::{Error, IdentifyError};
 use crate::force::Inputs;
 use crate::model::Envelope;
@@ -210,7 +210,8 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
     let mut aligner = ForceAligner::<usize>::default();
     let mut rows = Vec::with_capacity(run.displacement_m.len() / every);
     let mut raw_m = Vec::with_capacity(rows.capacity());
-    let mut last: Option<Stamp> = None;
+    let (mut displacement_timing, mut force_timing) = (Timing::default(), Timing::default());
+    let (mut last, mut last_taken): (Option<Stamp>, Option<Stamp>) = (None, None);
     // True before the first row of a segment, which has no previous row.
     let mut fresh = true;
     let mut count = 0;
@@ -219,24 +220,26 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
         match sample.reading {
             Reading::Drive(d) => drive.push(stamp, d.get()),
             Reading::Velocity(v) => velocity.push(stamp, v.0),
-            Reading::Force(f) => aligner.push_force(stamp, f.0),
+            Reading::Force(f) => aligner.push_force(force_timing.place(stamp, f.0), f.0),
             Reading::CaseTemperature(t) => case_temp_c.push(stamp, t.0),
             // The damper's force does not depend on these.
             Reading::BodyVelocity(_) | Reading::ForceRequest(_) => {}
             Reading::Displacement(x) => {
                 count += 1;
+                let taken = displacement_timing.place(stamp, x.0);
                 if (count - 1) % every != 0 {
                     continue;
                 }
-                let dt_s = last.map(|last| stamp.since(last).get()).filter(|dt| *dt <= gap_s);
-                last = Some(stamp);
+                let follows = last.replace(stamp).is_some_and(|last| stamp.since(last).get() <= gap_s);
+                let before = last_taken.replace(taken).filter(|_| follows);
+                let dt_s = before.map(|before| taken.since(before).get());
                 fresh |= dt_s.is_none();
                 let measured =
                     velocity.at(stamp).filter(|(at, _)| stamp.since(*at).get() <= gap_s).map(|(_, v)| v);
                 let Some(m) = conditioning.step(&low_pass, &mut motion, dt_s, x.0, measured) else {
                     continue;
                 };
-                aligner.wait(stamp, rows.len());
+                aligner.wait(taken, rows.len());
                 raw_m.push(x.0);
                 rows.push(Row {
                     stamp,
@@ -265,15 +268,13 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
 fn filter_force(rows: &mut [Row], conditioning: &Conditioning) {
     let low_pass = conditioning.low_pass();
     let mut state = LowPassState::default();
-    let mut before: Option<Stamp> = None;
+    // Time since the last row with a force; `None` before the first one of a segment.
+    let mut since_s: Option<f64> = None;
     for row in rows {
-        if row.dt_s.is_none() {
-            before = None;
-        }
+        since_s = since_s.zip(row.dt_s).map(|(since_s, dt_s)| since_s + dt_s);
         if row.force_n.is_finite() {
-            let dt_s = before.map(|before| row.stamp.since(before).get());
-            row.force_n = low_pass.step(&mut state, dt_s, row.force_n);
-            before = Some(row.stamp);
+            row.force_n = low_pass.step(&mut state, since_s, row.force_n);
+            since_s = Some(0.0);
         }
     }
 }

@@ -37,7 +37,6 @@ mod resample;
 mod rhythm;
 mod settings;
 mod setup;
-mod timing;
 mod window;
 
 pub(crate) use estimate_uncertainty::BEYOND_CALIBRATION;
@@ -50,7 +49,7 @@ pub use plausible::Plausible;
 pub use settings::{Settings, UseForce};
 pub use setup::PipelineSetup;
 
-use crate::condition::{ForceAligner, Hold};
+use crate::condition::{ForceAligner, Hold, Timing};
 use crate::error::{Error, PipelineError};
 use crate::model::Model;
 use crate::sample::{Reading, Sample, Stamp};
@@ -65,7 +64,6 @@ use mode::ModeMachine;
 use model_channel::{FreeRunChannel, SeededChannel};
 use observer::Observer;
 use plausible::{DamperProperties, PlausibilityChecks};
-use timing::Timing;
 use window::Window;
 
 /// The models that a pipeline runs.

@@ -32,9 +32,28 @@ fn uneven() -> Run {
     }
 }
 
+/// The same run without the gap, read at even times; the stamps of displacement and force jitter.
+fn jittered() -> Run {
+    let model = truth(KIND);
+    let recipe = Recipe { rate_hz: 500.0, duration_s: 2.0, drive: |_| 1.0, ..Recipe::default() };
+    let even = run(recipe, KIND, |x, v, i| model.force_n(x, v, i));
+    let jitter = |trace: Trace| {
+        // Up to 0.8 ms late, without a pattern.
+        let late = |k: usize| ((k as f64 * 0.618_034 + (k as f64 * 1.7).sin()).rem_euclid(1.0) * 8e5) as i64;
+        let stamps = trace.stamps.iter().enumerate().map(|(k, stamp)| stamp.shifted(late(k))).collect();
+        Trace { stamps, ..trace }
+    };
+    Run { displacement_m: jitter(even.displacement_m), force_n: even.force_n.map(jitter), ..even }
+}
+
 #[test]
 fn rows_match_the_live_pipeline() {
-    let run = uneven();
+    for run in [uneven(), jittered()] {
+        assert_rows_match(&run);
+    }
+}
+
+fn assert_rows_match(run: &Run) {
     for apply_to in [ApplyTo::None, ApplyTo::Inputs, ApplyTo::Output] {
         for velocity in [VelocitySource::Backward, VelocitySource::Slope, VelocitySource::Measured] {
             let conditioning = Conditioning { apply_to, velocity, ..Conditioning::default() };
@@ -57,7 +76,7 @@ fn rows_match_the_live_pipeline() {
                     }
                 });
             }
-            let set = Dataset::from_run(&run, &conditioning, &DatasetOptions::default()).expect("rows");
+            let set = Dataset::from_run(run, &conditioning, &DatasetOptions::default()).expect("rows");
             let (filter, mut state, mut fresh) = (conditioning.low_pass(), LowPassState::default(), true);
             let mut compared = 0;
             for row in &set.rows {
