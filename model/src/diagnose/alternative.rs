@@ -50,9 +50,9 @@ pub(super) fn identify(
         ..Options::default()
     };
     match identify_datasets(spec, estimate, &options, watch) {
-        Err(Error::Cancelled) => Err(Error::Cancelled),
-        // A failed identification of the alternative is not evidence against the base.
-        Err(_) => Ok(None),
+        // If the runs do not determine the alternative, it is not evidence against the base.
+        Err(Error::Identify(_)) => Ok(None),
+        Err(error) => Err(error),
         Ok(found) => Ok(test_runs::fitted(confirm, &found.model.augmented())
             .ok()
             .map(|fitted| Alternative { name: spec.structure().name(), squares: fitted.squares })),
