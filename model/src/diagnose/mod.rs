@@ -129,8 +129,10 @@ impl Settings {
 /// Stages of a diagnosis, reported to the caller as progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
-    /// A structure of the base is identified, if it was not given, and diagnosed; its name.
+    /// A structure of the base is identified, if it was not given; its name.
     Structure(&'static str),
+    /// The next round with this structure begins.
+    Search(&'static str),
     /// The base is refitted on the training runs.
     Base,
     /// The scores of this round are computed.

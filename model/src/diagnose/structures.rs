@@ -247,7 +247,7 @@ impl Choice<'_> {
                 if candidate.searched.is_complete() || earlier < SURPASSED * candidate.confirm.squares {
                     continue;
                 }
-                (self.stage)(Stage::Structure(name));
+                (self.stage)(Stage::Search(name));
                 match self.next_round(candidate) {
                     Ok(()) => {}
                     Err(Error::Cancelled) => return Err(Error::Cancelled),
