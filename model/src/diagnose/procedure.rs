@@ -414,7 +414,7 @@ impl<'a> Procedure<'a> {
             let round = Round { settings: &settings, ..self.round(noise, 0) };
             let scores = score::scores(&round.joint, &self.confirm, &without, &settings)?;
             let Some(passed) = round.run(&without, &scores)?.passed else { continue };
-            let (found, class) = (passed.effect, passed.class);
+            let (found, mut class) = (passed.effect, passed.class);
             if found != effect && passed.fitted.squares < current.squares {
                 let left = (without.squares - noise).max(f64::MIN_POSITIVE);
                 let share = |fitted: &Fitted| (without.squares - fitted.squares) / left;
@@ -431,6 +431,9 @@ impl<'a> Procedure<'a> {
                 current = passed.fitted;
                 results.without = self.without_each(&current, &results.fits)?;
             } else if let Some((_, known)) = results.named.get_mut(found.id()) {
+                // A model has one form of an id, so a member whose id is there in another form could not be tested again.
+                let beside: Vec<&str> = without.model.effects().ids().collect();
+                class.extend(known.iter().filter(|id| beside.contains(id)));
                 *known = class;
             }
         }
