@@ -8,6 +8,7 @@ use crate::settings::error::NodeError;
 use mr_damper_base::shown;
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::metrics::Fit;
+use mr_damper_model::model_file::{Provenance, Role};
 use mr_damper_model::units::N_PER_LBF;
 use mr_damper_reports::evaluate::{RunReport, figures};
 use mr_damper_runs::write_text;
@@ -20,6 +21,9 @@ use std::path::PathBuf;
 /// one-step-ahead prediction (one_step in JSON; ARX only), which also uses the measured force. Persistence, which repeats
 /// the last measured force, is the baseline for the one-step-ahead prediction. If the model has a calibrated 90 % band, the
 /// share of measured forces within it is reported too.
+///
+/// All samples with a measured force count, also those at rest, as in live use; identify and compare count the moving
+/// part. Runs that the model was made with are marked, and the total leaves them out.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model file, or preset.
@@ -44,7 +48,66 @@ pub struct Args {
 struct Report<'a> {
     schema: &'static str,
     model: &'a str,
-    runs: Vec<RunReport>,
+    runs: Vec<EvaluatedRun>,
+    /// Over the runs that the model does not depend on, if there are at least two.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    other_runs: Option<Totals>,
+}
+
+/// A run with the model's errors.
+#[derive(Debug, Serialize)]
+struct EvaluatedRun {
+    #[serde(flatten)]
+    figures: RunReport,
+    /// What the run was used for when the model was made.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    used_as: Option<Role>,
+}
+
+impl EvaluatedRun {
+    /// True if the model depends on the run. Test runs were only read.
+    fn is_fitted(&self) -> bool {
+        self.used_as.is_some_and(|role| role != Role::Test)
+    }
+}
+
+/// Errors over several runs.
+#[derive(Debug, Serialize)]
+struct Totals {
+    runs: usize,
+    free_run: Option<Fit>,
+    free_run_without_offset: Option<Fit>,
+    one_step: Option<Fit>,
+    persistence: Option<Fit>,
+}
+
+impl Totals {
+    fn of(all: &[EvaluatedRun]) -> Option<Self> {
+        let others: Vec<&RunReport> =
+            all.iter().filter(|run| !run.is_fitted()).map(|run| &run.figures).collect();
+        let total = |fit: fn(&RunReport) -> Option<Fit>| pooled(others.iter().map(|run| fit(run)));
+        (others.len() > 1).then(|| Self {
+            runs: others.len(),
+            free_run: total(|run| run.free_run),
+            free_run_without_offset: total(|run| run.free_run_without_offset),
+            one_step: total(|run| run.one_step),
+            persistence: total(|run| run.persistence),
+        })
+    }
+}
+
+/// The error over all samples, relative to the variance within each run; `None` if it is not known for each run.
+fn pooled(fits: impl Iterator<Item = Option<Fit>>) -> Option<Fit> {
+    let (mut samples, mut squares, mut spread) = (0, 0.0, 0.0);
+    for fit in fits {
+        let fit = fit?;
+        let square = fit.samples as f64 * fit.rsse_n.powi(2);
+        samples += fit.samples;
+        squares += square;
+        // A run without any error says nothing about its variance.
+        spread += if fit.esr > 0.0 { square / fit.esr } else { 0.0 };
+    }
+    Some(Fit { rsse_n: (squares / samples as f64).sqrt(), esr: squares / spread, samples })
 }
 
 /// Evaluates the model on all runs and prints the figures.
@@ -61,12 +124,21 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             return Err(NodeError::Interrupted);
         }
         let loaded = args.load.load(path)?;
-        reports.push(figures(path.display().to_string(), model, &loaded.run)?);
+        let used_as = used_as(&file.provenance, &loaded.sha256_hex());
+        let figures = figures(path.display().to_string(), model, &loaded.run)?;
+        reports.push(EvaluatedRun { figures, used_as });
         if args.calibrate.is_some() {
+            if matches!(used_as, Some(Role::Base | Role::Estimate)) {
+                tracing::warn!(
+                    run = %path.display(),
+                    "the model was identified from this run; a band that is calibrated on it is too narrow"
+                );
+            }
             calibrator.add(&loaded.run)?;
         }
     }
-    let report = Report { schema: "mr-damper/evaluate/1", model: &args.model, runs: reports };
+    let other_runs = Totals::of(&reports);
+    let report = Report { schema: "mr-damper/evaluate/1", model: &args.model, runs: reports, other_runs };
     match &args.json {
         Some(path) => output::json(path, &report)?,
         None => print!("{}", shown::lines(&table(&report))),
@@ -79,26 +151,26 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     Ok(())
 }
 
+/// What the run with this SHA-256 was used for when the model was made; `None` if it was not used.
+fn used_as(provenance: &Provenance, sha256: &str) -> Option<Role> {
+    let run = provenance.runs.iter().find(|run| run.sha256 == sha256)?;
+    Some(run.role.unwrap_or(Role::Estimate))
+}
+
 fn table(report: &Report<'_>) -> String {
     let mut text = format!("{}\n", report.model);
-    for run in &report.runs {
-        text += &format!("\n{}\n", shown::line(&run.run));
-        let mut row = |name: &str, fit: &Option<Fit>| {
-            text += &match fit {
-                Some(fit) => format!(
-                    "  {name:<24} RMSE {:9.2} N ({:7.2} lbf)   NMSE {:.6}   {} samples\n",
-                    fit.rsse_n,
-                    fit.rsse_n / N_PER_LBF,
-                    fit.esr,
-                    fit.samples
-                ),
-                None => format!("  {name:<24} -\n"),
-            };
+    for EvaluatedRun { figures: run, used_as } in &report.runs {
+        let mark = match used_as {
+            Some(Role::Base | Role::Estimate) => " (a training run of the model)",
+            Some(Role::Test) => " (a test run of the model)",
+            Some(_) => " (used when the model was made)",
+            None => "",
         };
-        row("simulation (free run)", &run.free_run);
-        row("simulation, offset out", &run.free_run_without_offset);
-        row("one step ahead", &run.one_step);
-        row("persistence (one step)", &run.persistence);
+        text += &format!("\n{}{mark}\n", shown::line(&run.run));
+        text += &row("simulation (free run)", &run.free_run);
+        text += &row("simulation, offset out", &run.free_run_without_offset);
+        text += &row("one step ahead", &run.one_step);
+        text += &row("persistence (one step)", &run.persistence);
         if let Some(band) = &run.band {
             text += &format!(
                 "  within the 90 % band      {:.1} % of {} samples\n",
@@ -110,5 +182,43 @@ fn table(report: &Report<'_>) -> String {
         text +=
             &if run.refused > 0 { format!(", {} samples refused\n", run.refused) } else { "\n".to_owned() };
     }
+    if let Some(all) = &report.other_runs {
+        let excluded = if all.runs < report.runs.len() { " that the model was not made with" } else { "" };
+        text += &format!("\nall {} runs{excluded}\n", all.runs);
+        text += &row("simulation (free run)", &all.free_run);
+        text += &row("simulation, offset out", &all.free_run_without_offset);
+        text += &row("one step ahead", &all.one_step);
+        text += &row("persistence (one step)", &all.persistence);
+    }
     text
+}
+
+fn row(name: &str, fit: &Option<Fit>) -> String {
+    match fit {
+        Some(fit) => format!(
+            "  {name:<24} RMSE {:9.2} N ({:7.2} lbf)   NMSE {:.6}   {} samples\n",
+            fit.rsse_n,
+            fit.rsse_n / N_PER_LBF,
+            fit.esr,
+            fit.samples
+        ),
+        None => format!("  {name:<24} -\n"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_total_weighs_runs_by_their_samples() {
+        // 100 samples with an error of 3 N, 300 with 5 N; variances of 90 and 100 N².
+        let fits =
+            [Fit { rsse_n: 3.0, esr: 0.1, samples: 100 }, Fit { rsse_n: 5.0, esr: 0.25, samples: 300 }];
+        let all = pooled(fits.into_iter().map(Some)).expect("both are known");
+        assert_eq!(all.samples, 400);
+        assert!((all.rsse_n - 21.0_f64.sqrt()).abs() < 1e-12, "{all:?}");
+        assert!((all.esr - 21.0 / 97.5).abs() < 1e-12, "{all:?}");
+        assert_eq!(pooled([Some(fits[0]), None].into_iter()), None);
+    }
 }

@@ -96,6 +96,10 @@ fn a_model_is_identified_reported_and_evaluated_with_the_same_figures() {
         assert!(figure["esr"].as_f64().is_some_and(|esr| esr < 0.2), "{name}: {identified:#}");
         // The model file keeps all digits.
         assert_eq!(figure, &evaluated["runs"][0][predictor], "{name}");
+        let both = json(&["evaluate", &model, &fitted, &held_out, "--json"]);
+        assert_eq!(both["runs"][0]["used_as"], "estimate", "{name}: {both:#}");
+        assert_eq!(both["runs"][1]["used_as"], serde_json::Value::Null, "{name}: {both:#}");
+        assert_eq!(both["other_runs"], serde_json::Value::Null, "one run is no total: {both:#}");
 
         let page = std::fs::read_to_string(report).expect("a report");
         for word in ["fitted.csv", "held_out.csv", "held out of the fit", "persistence", "<svg"] {
