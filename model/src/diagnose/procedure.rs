@@ -192,6 +192,7 @@ impl<'a> Procedure<'a> {
             settings: self.settings,
             noise,
             least: 0.0,
+            base_reducible: 0.0,
             force: if self.structure_compared { self.force } else { 0.0 },
             number,
         }
@@ -283,7 +284,8 @@ impl<'a> Procedure<'a> {
         *rounds += 1;
         stage(Stage::Scores(*rounds));
         results.starts.push(found.model.effects().ids().collect());
-        let round = Round { least, ..self.round(*noise, *rounds) };
+        let base_reducible = if self.structure_compared { base.squares - *noise } else { 0.0 };
+        let round = Round { least, base_reducible, ..self.round(*noise, *rounds) };
         let scores = score::scores(&round.joint, &self.confirm, found, self.settings)?;
         stage(Stage::Refits(*rounds));
         let outcome = round.run(found, &scores)?;

@@ -37,6 +37,10 @@ pub(super) const LEAST_CONFIRMED: f64 = 0.02;
 /// there, by 0.55 % or more. Friction of 80 N beside a base of the right structure changes it by 0.17 to 0.4 %, so the limit does not apply
 /// to a base that the user fixes. It does not apply to effects that follow time or temperature either.
 pub(super) const LEAST_OF_FORCE: f64 = 0.004;
+/// Least share of the base's reducible error that an effect must remove if structures are compared and the effect does not follow time.
+/// Beside a large effect, a base that is not of the damper's structure shows small ones that are not there: on dampers with bristles and
+/// a velocity saturation, an inertia of 0.7 to 1.2 %. Of the effects that were there, each removed 1.8 % or more.
+pub(super) const LEAST_BESIDE: f64 = 0.015;
 /// A validation run counts as worse if its squared error grows by more than this share of itself and by more than [`MATTERS`]. Both
 /// are needed because a refit of the base changes the small error of runs in which the effect plays no part, up or down.
 const WORSE: f64 = 0.05;
@@ -79,6 +83,8 @@ pub(super) struct Round<'a> {
     pub(super) noise: f64,
     /// Least squared error that an effect must remove, however little is left, N².
     pub(super) least: f64,
+    /// The base's reducible error if structures are compared; zero if the base is fixed. N².
+    pub(super) base_reducible: f64,
     /// Sum of the squared force, each run's mean removed, if structures are compared; zero if the base is fixed. N².
     pub(super) force: f64,
     /// Number of the round, from 1.
@@ -161,6 +167,10 @@ impl Round<'_> {
         }
         if current.squares - fitted.squares < self.least {
             return Ok(Err(Refusal::WithinMisfit { share, needed_of_base: NEXT_TO_NOTHING }));
+        }
+        let beside = if candidate.score.effect.follows_time() { 0.0 } else { LEAST_BESIDE };
+        if current.squares - fitted.squares < beside * self.base_reducible {
+            return Ok(Err(Refusal::WithinMisfit { share, needed_of_base: beside }));
         }
         if let Err(why) = self.beyond_structure(candidate.score.effect, current.squares - fitted.squares) {
             return Ok(Err(why));
