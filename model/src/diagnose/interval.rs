@@ -7,9 +7,10 @@
 //! ```
 //!
 //! g is the derivative of the simulated force by the parameter p, projected off the derivatives by all other numbers of the model, and r
-//! the residual. For even stamps, the shift is g'r / g'g with both of the changed rows. The scatter over blocks shows chance only. Other errors shift a parameter by the same amount on every block: how the
+//! the residual. The scatter over blocks shows chance only. Other errors shift a parameter by the same amount on every block: how the
 //! recorded channels are read between their samples, how velocity is computed, and noise in the inputs. [`super::variants`] gives the
-//! changes of force d_v, and the share m_v +- w_v of each that may be real. The shift is what one step of least squares would do.
+//! changes of force d_v, and the share m_v +- w_v of each that may be real. The shift is what one step of least squares would do. For even
+//! stamps it is g'r / g'g, with g and r of the changed rows.
 //!
 //! Source: sums over blocks as in `[ibragimov2010]` in the bibliography (node/docs/guide/bibliography.md). Independent
 //! uncertainties add in quadrature: Guide to the Expression of Uncertainty in Measurement (JCGM 100:2008, 5.1.2).
