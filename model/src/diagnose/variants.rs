@@ -18,7 +18,7 @@
 //! by its variance; the median of five leaves 0.29 of the variance and the parabola 0.49, so the whole shift is 1.4 and 2 times the change.
 //! The three-point derivative and the parabola err in opposite directions, so the truth lies between them or near one.
 //! If stamps jitter, either the samples were taken at these instants, or they were taken at even ones and stamped late. Derivatives
-//! contain as much noise as the velocity then, so the shift is computed with those of the changed rows. Each share has a margin, because
+//! contain as much noise as the velocity then, so the shift is computed with derivatives on the changed rows. Each share has a margin, because
 //! the variants are coarse.
 
 use super::rows::Rows;

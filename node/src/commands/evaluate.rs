@@ -59,7 +59,7 @@ struct Report<'a> {
 struct EvaluatedRun {
     #[serde(flatten)]
     figures: RunReport,
-    /// What the run was used for when the model was made.
+    /// Purpose that the run served when the model was made.
     #[serde(skip_serializing_if = "Option::is_none")]
     used_as: Option<Role>,
 }
@@ -151,7 +151,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// What the run with this SHA-256 was used for when the model was made; `None` if it was not used.
+/// Purpose that the run with this SHA-256 served when the model was made; `None` if it served none.
 fn used_as(provenance: &Provenance, sha256: &str) -> Option<Role> {
     let run = provenance.runs.iter().find(|run| run.sha256 == sha256)?;
     Some(run.role.unwrap_or(Role::Estimate))
