@@ -136,10 +136,8 @@ fn on_even_stamps(joint: &Joint, fitted: &Fitted) -> Result<Option<Linear>, Erro
     if even.iter().all(Option::is_none) {
         return Ok(None);
     }
-    let with = |(even, run): (Option<Dataset>, &Dataset)| {
-        even.unwrap_or_else(|| Dataset { rows: run.rows.clone(), name: run.name.clone(), ..*run })
-    };
-    let datasets: Vec<Dataset> = even.into_iter().zip(runs).map(with).collect();
+    let datasets: Vec<Dataset> =
+        even.into_iter().zip(runs).map(|(even, run)| even.unwrap_or_else(|| run.clone())).collect();
     let rows = joint.rows.with_datasets(&datasets);
     let Some(fitted) = Fitted::as_is(fitted.model, &rows) else { return Ok(None) };
     let (columns, _) = Joint { rows: &rows, ..*joint }.jacobian(&fitted)?;

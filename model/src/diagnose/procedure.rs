@@ -7,7 +7,7 @@ use super::finding::{
 use super::interval::Contents;
 use super::joint::{Fitted, Joint};
 use super::refusal::{BaseFault, Refusal};
-use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round, implausible};
+use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, NEXT_TO_NOTHING, Passed, Round, implausible};
 use super::rows::{Rows, dot};
 use super::space::{with_effect, without_effect};
 use super::{Runs, Settings, Stage, alternative, check, correlation, floor, paired, score, test_runs};
@@ -26,9 +26,6 @@ const LITTLE: f64 = 0.2;
 const INADEQUATE: f64 = 0.5;
 /// If no effect was named, the base is inadequate when the alternative structure removes more than this share of its reducible error.
 const HALF: f64 = 0.5;
-/// Least share of the base's reducible error that an effect must remove. If less than this remains, no further effect is searched
-/// for: the base's own misfit around a large effect is of this size.
-pub(super) const NEXT_TO_NOTHING: f64 = 0.001;
 /// An estimated noise floor whose square is this many times the mean square of a model's residual is wrong: the residual contains
 /// the noise.
 const CONTRADICTED: f64 = 1.2;
@@ -68,10 +65,6 @@ pub(super) struct Searched {
     floor: NoiseFloor,
     /// Squared error of the noise on the training rows, N².
     noise: f64,
-    /// Lack of fit of the base.
-    lof: f64,
-    /// Number of rounds so far.
-    rounds: usize,
     /// No round is left, or the last one found nothing.
     complete: bool,
     results: RoundResults,
@@ -81,6 +74,11 @@ impl Searched {
     /// The base with the effects that the rounds found.
     pub(super) const fn model(&self) -> &Augmented {
         &self.found.model
+    }
+
+    /// Lack of fit of the base.
+    fn lof(&self) -> f64 {
+        1.0 - self.noise / self.base.squares
     }
 
     /// True if no round is left, or the last one found nothing.
@@ -105,6 +103,15 @@ struct RoundResults {
     fits: Vec<Fitted>,
     /// The current model without each of its effects in turn, if it has several.
     without: Vec<Option<Fitted>>,
+}
+
+impl RoundResults {
+    /// Takes back `effect`, which was named, for the reason `why`; the model `without` it was fitted for that.
+    fn withdraw(&mut self, effect: Effect, why: Refusal, without: &Fitted) {
+        self.refused.push(RefusedEffect { effect, why });
+        self.named.remove(effect.id());
+        self.fits.push(without.clone());
+    }
 }
 
 impl Pair {
@@ -191,7 +198,6 @@ impl<'a> Procedure<'a> {
             confirm: &self.confirm,
             settings: self.settings,
             noise,
-            least: 0.0,
             base_reducible: 0.0,
             force: if self.structure_compared { self.force } else { 0.0 },
             number,
@@ -215,9 +221,9 @@ impl<'a> Procedure<'a> {
         };
         let floor = self.noise_floor(&base)?;
         let noise = (floor.rsse_n * floor.rsse_n * self.estimate.len() as f64).min(base.squares);
-        let lof = 1.0 - noise / base.squares;
-        let (found, complete) = (base.clone(), lof < NOTHING);
-        Ok(Searched { base, found, floor, noise, lof, rounds: 0, complete, results: RoundResults::default() })
+        let (found, results) = (base.clone(), RoundResults::default());
+        let searched = Searched { base, found, floor, noise, complete: false, results };
+        Ok(Searched { complete: searched.lof() < NOTHING, ..searched })
     }
 
     /// Refines the effects found and checks them against each other.
@@ -236,7 +242,8 @@ impl<'a> Procedure<'a> {
 
     /// Checks the base, reads the test runs, and puts the result together.
     pub(super) fn finish(&self, searched: Searched, stage: &dyn Fn(Stage)) -> Result<DiagnosisResult, Error> {
-        let Searched { base, found, floor: base_floor, noise, lof: lof_before, mut results, .. } = searched;
+        let lof_before = searched.lof();
+        let Searched { base, found, floor: base_floor, noise, mut results, .. } = searched;
         let mut pair = self.pair(base, found)?;
         // The model maps input noise to force noise, so the floor is computed again for the augmented model.
         let mut floor = match results.named.is_empty() {
@@ -275,21 +282,20 @@ impl<'a> Procedure<'a> {
 
     /// Adds at most one effect. The search is complete if no candidate passes.
     pub(super) fn next_round(&self, searched: &mut Searched, stage: &dyn Fn(Stage)) -> Result<(), Error> {
-        let Searched { base, found, noise, results, rounds, complete, .. } = searched;
-        let least = NEXT_TO_NOTHING * (base.squares - *noise);
-        *complete |= found.squares - *noise < least;
+        let Searched { base, found, noise, results, complete, .. } = searched;
+        let base_reducible = base.squares - *noise;
+        *complete |= found.squares - *noise < NEXT_TO_NOTHING * base_reducible;
         if *complete {
             return Ok(());
         }
-        *rounds += 1;
-        stage(Stage::Scores(*rounds));
         results.starts.push(found.model.effects().ids().collect());
-        let base_reducible = if self.structure_compared { base.squares - *noise } else { 0.0 };
-        let round = Round { least, base_reducible, ..self.round(*noise, *rounds) };
+        let number = results.starts.len();
+        stage(Stage::Scores(number));
+        let round = Round { base_reducible, ..self.round(*noise, number) };
         let scores = score::scores(&round.joint, &self.confirm, found, self.settings)?;
-        stage(Stage::Refits(*rounds));
+        stage(Stage::Refits(number));
         let outcome = round.run(found, &scores)?;
-        if *rounds == 1 {
+        if number == 1 {
             results.untestable = scores.untestable;
         }
         results.candidates.extend(outcome.candidates);
@@ -297,7 +303,7 @@ impl<'a> Procedure<'a> {
             results.refused.retain(|before| before.effect != refused.effect);
             results.refused.push(refused);
         }
-        *complete = *rounds == self.settings.most_effects || outcome.passed.is_none();
+        *complete = number == self.settings.most_effects || outcome.passed.is_none();
         if let Some(Passed { effect, fitted, class, p_adjusted }) = outcome.passed {
             results.refused.retain(|refused| refused.effect.id() != effect.id());
             results.named.insert(effect.id(), (p_adjusted, class));
@@ -388,9 +394,7 @@ impl<'a> Procedure<'a> {
             let Some((index, why)) = results.without.iter().enumerate().find_map(needless) else { break };
             let effect = effects[index].effect();
             let Some(without) = results.without.swap_remove(index) else { break };
-            results.fits.push(without.clone());
-            results.refused.push(RefusedEffect { effect, why });
-            results.named.remove(effect.id());
+            results.withdraw(effect, why, &without);
             current = without;
         }
         Ok(current)
@@ -460,11 +464,8 @@ impl<'a> Procedure<'a> {
                 Some((index, effect.effect(), why))
             };
             let Some((index, effect, why)) = effects.iter().enumerate().find_map(objection) else { break };
-            drop(intervals);
             let Some(without) = results.without.get(index).cloned().flatten() else { break };
-            results.refused.push(RefusedEffect { effect, why });
-            results.named.remove(effect.id());
-            results.fits.push(without.clone());
+            results.withdraw(effect, why, &without);
             results.without = self.without_each(&without, &results.fits)?;
             current = without;
         }

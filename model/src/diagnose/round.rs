@@ -7,7 +7,6 @@ use super::Settings;
 use super::finding::{Candidate, FoundParameter, RefusedEffect};
 use super::interval::{Contents, Intervals};
 use super::joint::{Fitted, Joint};
-use super::procedure::NEXT_TO_NOTHING;
 use super::refusal::Refusal;
 use super::rows::{Rows, dot};
 use super::score::{Score, Scores};
@@ -37,10 +36,13 @@ pub(super) const LEAST_CONFIRMED: f64 = 0.02;
 /// there, by 0.55 % or more. Friction of 80 N beside a base of the right structure changes it by 0.17 to 0.4 %, so the limit does not apply
 /// to a base that the user fixes. It does not apply to effects that follow time or temperature either.
 pub(super) const LEAST_OF_FORCE: f64 = 0.004;
-/// Least share of the base's reducible error that an effect must remove if structures are compared and the effect does not follow time.
+/// Least share of the base's reducible error that an effect must remove: the base's own misfit around a large effect is of this size. If
+/// less than this remains, no further effect is searched for.
+pub(super) const NEXT_TO_NOTHING: f64 = 0.001;
+/// The same if structures are compared and the effect does not follow time.
 /// Beside a large effect, a base that is not of the damper's structure shows small ones that are not there: on dampers with bristles and
 /// a velocity saturation, an inertia of 0.7 to 1.2 %. Of the effects that were there, each removed 1.8 % or more.
-pub(super) const LEAST_BESIDE: f64 = 0.015;
+const LEAST_BESIDE: f64 = 0.015;
 /// A validation run counts as worse if its squared error grows by more than this share of itself and by more than [`MATTERS`]. Both
 /// are needed because a refit of the base changes the small error of runs in which the effect plays no part, up or down.
 const WORSE: f64 = 0.05;
@@ -81,9 +83,7 @@ pub(super) struct Round<'a> {
     pub(super) settings: &'a Settings,
     /// Squared error of the noise on the training rows, N².
     pub(super) noise: f64,
-    /// Least squared error that an effect must remove, however little is left, N².
-    pub(super) least: f64,
-    /// The base's reducible error if structures are compared; zero if the base is fixed. N².
+    /// The base's reducible error, of which an effect must remove a share however little is left; zero without this limit. N².
     pub(super) base_reducible: f64,
     /// Sum of the squared force, each run's mean removed, if structures are compared; zero if the base is fixed. N².
     pub(super) force: f64,
@@ -165,18 +165,17 @@ impl Round<'_> {
         if share.is_nan() || share < LEAST_SHARE {
             return Ok(Err(Refusal::TooSmall { share, needed: LEAST_SHARE }));
         }
-        if current.squares - fitted.squares < self.least {
-            return Ok(Err(Refusal::WithinMisfit { share, needed_of_base: NEXT_TO_NOTHING }));
+        let (effect, drop) = (candidate.score.effect, current.squares - fitted.squares);
+        let compared = self.force > 0.0;
+        let needed_of_base = if compared && !effect.follows_time() { LEAST_BESIDE } else { NEXT_TO_NOTHING };
+        if drop < needed_of_base * self.base_reducible {
+            return Ok(Err(Refusal::WithinMisfit { share, needed_of_base }));
         }
-        let beside = if candidate.score.effect.follows_time() { 0.0 } else { LEAST_BESIDE };
-        if current.squares - fitted.squares < beside * self.base_reducible {
-            return Ok(Err(Refusal::WithinMisfit { share, needed_of_base: beside }));
-        }
-        if let Err(why) = self.beyond_structure(candidate.score.effect, current.squares - fitted.squares) {
+        if let Err(why) = self.beyond_structure(effect, drop) {
             return Ok(Err(why));
         }
         let effects = fitted.model.effects().as_slice();
-        let Some(index) = effects.iter().position(|e| e.effect() == candidate.score.effect) else {
+        let Some(index) = effects.iter().position(|e| e.effect() == effect) else {
             return Ok(Err(Refusal::Diverges));
         };
         for found in self.intervals(&fitted, Contents::All)?.of(index) {

@@ -87,7 +87,7 @@ pub struct Bases<'a> {
     pub options: &'a Options,
 }
 
-/// What became of each structure so far, by its name.
+/// The result for each structure so far, or its error, with its name.
 type ByStructure<T> = Vec<(&'static str, Result<T, Error>)>;
 
 /// A structure that was identified and is searched for effects.

@@ -163,19 +163,19 @@ fn other_derivative(dataset: &Dataset) -> Dataset {
 /// from a parabola through five displacements there. `None` if no row changes.
 pub(super) fn even_stamps(dataset: &Dataset) -> Option<Dataset> {
     const WINDOW: usize = 2 * EVEN_REACH + 1;
-    let (mut rows, mut changed) = (dataset.rows.clone(), false);
-    for (row, near) in rows.iter_mut().skip(EVEN_REACH).zip(dataset.rows.array_windows::<WINDOW>()) {
+    let mut rows: Option<Vec<Row>> = None;
+    for (k, near) in (EVEN_REACH..).zip(dataset.rows.array_windows::<WINDOW>()) {
         let step_s = near[WINDOW - 1].stamp.since(near[0].stamp).get() / (WINDOW - 1) as f64;
         let differs = |row: &Row| row.dt_s.map_or(f64::INFINITY, |dt_s| (dt_s - step_s).abs() / step_s);
         let most = near[1..].iter().map(differs).fold(0.0, f64::max);
         let Some(nearest) = near[EVEN_REACH - REACH..].first_chunk() else { continue };
         if most > EVEN && most < JITTER {
             let [_, velocity_m_s, acceleration_m_s2] = motion(nearest, step_s);
-            *row = Row { velocity_m_s, acceleration_m_s2, dt_s: Some(step_s), ..*row };
-            changed = true;
+            let row = Row { velocity_m_s, acceleration_m_s2, dt_s: Some(step_s), ..near[EVEN_REACH] };
+            rows.get_or_insert_with(|| dataset.rows.clone())[k] = row;
         }
     }
-    changed.then(|| Dataset { rows, name: dataset.name.clone(), ..*dataset })
+    Some(Dataset { rows: rows?, name: dataset.name.clone(), ..*dataset })
 }
 
 #[cfg(test)]

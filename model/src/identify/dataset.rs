@@ -211,7 +211,8 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
     let mut rows = Vec::with_capacity(run.displacement_m.len() / every);
     let mut raw_m = Vec::with_capacity(rows.capacity());
     let (mut displacement_timing, mut force_timing) = (Timing::default(), Timing::default());
-    let (mut last, mut last_taken): (Option<Stamp>, Option<Stamp>) = (None, None);
+    // Stamp and sampling time of the displacement before.
+    let mut last: Option<(Stamp, Stamp)> = None;
     // True before the first row of a segment, which has no previous row.
     let mut fresh = true;
     let mut count = 0;
@@ -230,9 +231,9 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
                 if (count - 1) % every != 0 {
                     continue;
                 }
-                let follows = last.replace(stamp).is_some_and(|last| stamp.since(last).get() <= gap_s);
-                let before = last_taken.replace(taken).filter(|_| follows);
-                let dt_s = before.map(|before| taken.since(before).get());
+                let before =
+                    last.replace((stamp, taken)).filter(|(last, _)| stamp.since(*last).get() <= gap_s);
+                let dt_s = before.map(|(_, before)| taken.since(before).get());
                 fresh |= dt_s.is_none();
                 let measured =
                     velocity.at(stamp).filter(|(at, _)| stamp.since(*at).get() <= gap_s).map(|(_, v)| v);

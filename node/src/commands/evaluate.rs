@@ -167,10 +167,7 @@ fn table(report: &Report<'_>) -> String {
             None => "",
         };
         text += &format!("\n{}{mark}\n", shown::line(&run.run));
-        text += &row("simulation (free run)", &run.free_run);
-        text += &row("simulation, offset out", &run.free_run_without_offset);
-        text += &row("one step ahead", &run.one_step);
-        text += &row("persistence (one step)", &run.persistence);
+        text += &rows([run.free_run, run.free_run_without_offset, run.one_step, run.persistence]);
         if let Some(band) = &run.band {
             text += &format!(
                 "  within the 90 % band      {:.1} % of {} samples\n",
@@ -185,16 +182,16 @@ fn table(report: &Report<'_>) -> String {
     if let Some(all) = &report.other_runs {
         let excluded = if all.runs < report.runs.len() { " that the model was not made with" } else { "" };
         text += &format!("\nall {} runs{excluded}\n", all.runs);
-        text += &row("simulation (free run)", &all.free_run);
-        text += &row("simulation, offset out", &all.free_run_without_offset);
-        text += &row("one step ahead", &all.one_step);
-        text += &row("persistence (one step)", &all.persistence);
+        text += &rows([all.free_run, all.free_run_without_offset, all.one_step, all.persistence]);
     }
     text
 }
 
-fn row(name: &str, fit: &Option<Fit>) -> String {
-    match fit {
+/// The errors of the simulation, of the simulation without offset, of the one-step-ahead prediction, and of persistence.
+fn rows(fits: [Option<Fit>; 4]) -> String {
+    let names =
+        ["simulation (free run)", "simulation, offset out", "one step ahead", "persistence (one step)"];
+    let row = |(name, fit): (&str, Option<Fit>)| match fit {
         Some(fit) => format!(
             "  {name:<24} RMSE {:9.2} N ({:7.2} lbf)   NMSE {:.6}   {} samples\n",
             fit.rsse_n,
@@ -203,7 +200,8 @@ fn row(name: &str, fit: &Option<Fit>) -> String {
             fit.samples
         ),
         None => format!("  {name:<24} -\n"),
-    }
+    };
+    names.into_iter().zip(fits).map(row).collect()
 }
 
 #[cfg(test)]

@@ -143,7 +143,7 @@ pub(crate) struct CaseSpec {
     pub(crate) truth: Vec<(&'static str, f64)>,
     /// Size as a multiple of the full size.
     pub(crate) share: f64,
-    /// What the runs are measured with.
+    /// Measuring instrument of the runs.
     pub(crate) instrument: Instrument,
 }
 

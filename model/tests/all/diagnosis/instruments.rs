@@ -7,7 +7,7 @@ use mr_damper_model::sample::{Run, Stamp, Trace};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// What the runs of a case are measured with.
+/// Measuring instrument of the runs of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Instrument {
     /// The rig's channels.
