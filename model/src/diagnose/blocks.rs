@@ -24,12 +24,21 @@ pub(super) struct Blocks {
 }
 
 impl Blocks {
-    /// Blocks of about `length_s` within the runs of `rows`. A run shorter than half of that is joined to a neighbouring block.
+    /// Blocks of about `length_s` within the runs of `rows`. A run shorter than half of that is joined to a neighbouring block. If a run
+    /// has cycles, its blocks are whole cycles.
     pub(super) fn new(rows: &Rows, length_s: f64) -> Self {
         let mut of_row = Vec::with_capacity(rows.len());
         let mut count: usize = 0;
         for run in rows.runs() {
             let times: Vec<f64> = run.times_s().collect();
+            if let Some(cycles) = &run.cycles {
+                let together = ((length_s / cycles.period_s).round() as usize).max(1);
+                let here = (cycles.count / together).max(1);
+                let block = |time: &f64| count + (cycles.number(*time).unwrap_or(0) / together).min(here - 1);
+                of_row.extend(times.iter().map(block));
+                count += here;
+                continue;
+            }
             let (Some(first), Some(last)) = (times.first(), times.last()) else { continue };
             let span_s = last - first;
             let here = (span_s / length_s).round() as usize;
@@ -44,6 +53,16 @@ impl Blocks {
             count += here;
         }
         Self { of_row, count }
+    }
+
+    /// Blocks of at least `least_s` for the test of an effect, given the `series` that is left after it is removed. They have at least 5
+    /// correlation times of it, except where the motion is cyclic: there a change of the damper that grows from cycle to cycle would be
+    /// left in the series, and only an effect that grows likewise could be tested.
+    pub(super) fn of_test(rows: &Rows, series: &[f64], least_s: f64) -> Self {
+        match rows.runs().iter().all(|run| run.cycles.is_some()) {
+            true => Self::new(rows, least_s),
+            false => Self::against(rows, series, least_s),
+        }
     }
 
     /// Blocks of at least `least_s` and at least 5 correlation times of `series`.

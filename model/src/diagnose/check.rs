@@ -4,7 +4,7 @@ use super::rows::Rows;
 use super::{Runs, Settings, score};
 use crate::effect::MAX_EFFECTS;
 use crate::error::{DiagnosisError, Error};
-use crate::identify::{Dataset, check_runs};
+use crate::identify::{Dataset, check_runs, check_sign};
 use crate::model::Model;
 
 /// Rejects settings out of range, and runs that cannot give a valid result with `base`.
@@ -51,6 +51,7 @@ fn check_without_base(runs: &Runs, settings: &Settings) -> Result<(), Error> {
         if run.counted() == 0 {
             return Err(DiagnosisError::NothingMoves { role, run: run.name.clone() }.into());
         }
+        check_sign(run)?;
     }
     Ok(())
 }

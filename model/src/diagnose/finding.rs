@@ -1,5 +1,7 @@
 //! The types of a diagnosis result.
 
+use super::alignment::Alignment;
+use super::paired::MeanShift;
 use super::refusal::{BaseFault, Refusal};
 use crate::effect::{Effect, EffectModel};
 use crate::error::Error;
@@ -66,6 +68,8 @@ pub enum FloorSource {
     /// From differences of the measured force over 1, 2 and 4 samples: sees white noise only, and only the part that a signal without
     /// noise could not cause, so it is a lower bound.
     Estimated,
+    /// Paired mode on a cyclic motion: the scatter from one cycle to the next.
+    Cycles,
     /// A single run does not show it: the force changes too fast for its sample rate. No part of the error counts as noise.
     Unknown,
 }
@@ -78,6 +82,7 @@ impl FloorSource {
             Self::Replicates => "replicates",
             Self::Declared => "declared",
             Self::Estimated => "estimated",
+            Self::Cycles => "cycles",
             Self::Unknown => "unknown",
         }
     }
@@ -290,9 +295,25 @@ pub struct DiagnosisResult {
     pub after: Model,
     /// The structures that were tried as base, in order; empty if only the given base was diagnosed.
     pub structures: Vec<StructureRow>,
+    /// How each run was placed on its reference; empty in absolute mode.
+    pub alignments: Vec<Alignment>,
+    /// Change of the mean force since the references; `None` in absolute mode, or if the runs are too short.
+    pub mean_shift: Option<MeanShift>,
 }
 
 impl DiagnosisResult {
+    /// What may have changed the mean force since the references; empty if it is not proved that it changed. A gas that pushes the rod out
+    /// with more force is also a stiffer spring: if such a spring was named, only the gas is left.
+    #[must_use]
+    pub fn causes_of_mean_shift(&self) -> &'static [&'static str] {
+        let Some(shift) = self.mean_shift.filter(MeanShift::is_proved) else { return &[] };
+        let spring = self.effects.iter().find(|named| named.effect.effect() == Effect::GasSpring);
+        match spring {
+            Some(spring) if spring.effect.parameters()[0] * shift.force_n < 0.0 => &["gas_pressure"],
+            _ => &["gas_pressure", "load_cell_zero"],
+        }
+    }
+
     /// The structure that became the base, with how it fits; `None` if only the given base was diagnosed.
     #[must_use]
     pub fn chosen(&self) -> Option<(&StructureRow, &StructureFit)> {

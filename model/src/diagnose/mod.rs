@@ -23,13 +23,16 @@
 //!
 //! The result is deterministic for a given seed, on any number of threads.
 
+mod alignment;
 mod alternative;
 mod basis;
 mod blocks;
 mod check;
 mod correlation;
+mod cycle;
 mod derivative_span;
 mod effect_set;
+mod energy;
 mod finding;
 mod floor;
 mod interval;
@@ -48,12 +51,13 @@ mod variants;
 
 pub use crate::error::DiagnosisError;
 pub use crate::statistics::error_ratio::NoInterval;
+pub use alignment::Alignment;
 pub use effect_set::EffectSet;
 pub use finding::{
     Candidate, Correlation, DiagnosisMode, DiagnosisResult, FloorSource, FoundParameter, NamedEffect,
     NoiseFloor, RefusedEffect, RemainingError, RunErrors, StructureFit, StructureRow, TestResult, Verdict,
 };
-pub use paired::reference_force_n;
+pub use paired::{MeanShift, reference_force_n};
 pub use ranges::Ranges;
 pub use refusal::{BaseFault, Refusal};
 pub use structures::{Bases, close_any, default_structures};
@@ -193,5 +197,11 @@ pub fn close(
     watch: &Watch,
     stage: &dyn Fn(Stage),
 ) -> Result<DiagnosisResult, Error> {
-    procedure::Procedure::new(base, runs, settings, watch)?.run(stage)
+    let relative = [runs.estimate, runs.confirm, runs.test]
+        .map(|own| paired::with_relative_temperature(own, runs.reference));
+    let [estimate, confirm, test] = [runs.estimate, runs.confirm, runs.test];
+    let [estimate, confirm, test] = [(estimate, &relative[0]), (confirm, &relative[1]), (test, &relative[2])]
+        .map(|(own, relative)| relative.as_deref().unwrap_or(own));
+    let runs = Runs { estimate, confirm, test, ..*runs };
+    procedure::Procedure::new(base, &runs, settings, watch)?.run(stage)
 }

@@ -1,21 +1,46 @@
 //! Paired mode: what changed since a healthy run with the same excitation.
 //!
 //! ```text
-//! force to explain = M(theta) + F_run - F_reference        M the base, which is not refitted
+//! d                 = F_run - F_reference at the same crank angle or time ([`super::alignment`])
+//! force to explain  = M(theta) + d - c        M the base, which is not refitted
+//! c                 = mean over the cycles of M(run) - M(reference) at that crank angle; zero if the motion is not cyclic
 //! ```
 //!
 //! The base's own errors are the same in run and reference and cancel in the difference. In this form all further steps are
-//! the same as in absolute mode, with no base coefficients to project off. The noise counts twice, once for each run.
+//! the same as in absolute mode, with no base coefficients to project off. c is the force of the small difference between two motions that
+//! a machine makes at one setting. A row without a reference force is left out. The noise counts twice, once for each run.
+//!
+//! # Cycles
+//! The cycles of a machine that repeats one motion are replicates. d of one cycle minus d of the next one, each without its mean, is noise,
+//! and shows its size. A block of the significance tests then need not be longer than a cycle.
+//!
+//! # Mean force
+//! The mean of a residual is removed everywhere else, because sessions differ in their force offset. Between a run and its reference it is
+//! evidence: the pressure of the gas changed, or the zero of the load cell.
+//!
+//! # Temperature
+//! The base is identified on the healthy runs, at their temperature. An effect of temperature acts on the change since then.
 
-use super::floor::{ALIKE, forces_at};
+use super::Settings;
+use super::alignment::{ALIKE, Aligned, Alignment, Between, align};
+use super::cycle::{Cycles, times_s};
 use super::rows::Rows;
-use crate::effect::Augmented;
+use crate::effect::{Augmented, REFERENCE_TEMP_C};
 use crate::error::{DiagnosisError, Error};
-use crate::identify::Dataset;
+use crate::identify::{Dataset, Row, walk};
+use crate::statistics::block_sums::t95;
+use std::ops::ControlFlow;
 
-/// Force of the matching reference at each row of `run`, N; `None` at rows where it has no force. The match is the first of
-/// `references` whose displacement differs by at most 10 %, root mean square, compared by time since the first row. Returns `None` if no
-/// reference matches.
+/// Points of a mean cycle.
+const POINTS: usize = 128;
+/// Least number of cycles from which noise is computed, and of blocks for the interval of a mean force.
+const LEAST: usize = 3;
+/// Length of the mean of a temperature, s.
+const SLOW_S: f64 = 60.0;
+
+/// Force of the matching reference at each row of `run`, N; `None` at rows where it has no force. The match is the first of `references`
+/// with the excitation of `run`, placed on it by crank angle if the motion is cyclic, otherwise by time. Returns `None` if no reference
+/// matches.
 ///
 /// ```
 /// use mr_damper_model::condition::Conditioning;
@@ -37,10 +62,51 @@ use crate::identify::Dataset;
 /// ```
 #[must_use]
 pub fn reference_force_n(run: &Dataset, references: &[Dataset]) -> Option<Vec<Option<f64>>> {
-    references.iter().find_map(|reference| forces_at(run, reference).ok())
+    let (aligned, reference) = matching(run, references)?;
+    let force_n = |at: &Option<Between>| (*at).map(|at| at.of(reference, |row| row.force_n)).filter(|f| f.is_finite());
+    Some(aligned.at.iter().map(force_n).collect())
 }
 
-/// The rows of `datasets` with the force to explain of paired mode. Each run's reference is the one that [`reference_force_n`] finds.
+/// The first of `references` with the excitation of `run`, placed on it.
+fn matching<'a>(run: &Dataset, references: &'a [Dataset]) -> Option<(Aligned, &'a Dataset)> {
+    references.iter().find_map(|reference| Some((align(run, reference)?, reference)))
+}
+
+/// The mean force of the runs minus that of their references.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeanShift {
+    /// Mean over all training and validation runs, N.
+    pub force_n: f64,
+    /// Its 95 % interval, from the means of blocks; a block is a cycle if the motion is cyclic.
+    pub ci95_n: [f64; 2],
+    /// Number of blocks.
+    pub blocks: usize,
+}
+
+impl MeanShift {
+    /// True if the interval does not include zero.
+    #[must_use]
+    pub fn is_proved(&self) -> bool {
+        self.ci95_n[0] > 0.0 || self.ci95_n[1] < 0.0
+    }
+}
+
+/// A run with its reference.
+pub(super) struct PairedRun {
+    pub(super) alignment: Alignment,
+    cycles: Option<Cycles>,
+    /// Time since the run's first row, s, and d, N, at each selected row.
+    differences: Vec<(f64, f64)>,
+}
+
+/// The selected rows of several runs in paired mode.
+pub(super) struct Paired<'a> {
+    pub(super) rows: Rows<'a>,
+    /// One for each run.
+    pub(super) pairs: Vec<PairedRun>,
+}
+
+/// The rows of `datasets` with the force to explain of paired mode. Each run's reference is the first that has its excitation.
 ///
 /// # Errors
 /// [`DiagnosisError::BaseDivergesPaired`]; [`DiagnosisError::NoReference`].
@@ -49,21 +115,220 @@ pub(super) fn rows<'a>(
     references: &[Dataset],
     base: &Augmented,
     most: usize,
-) -> Result<Rows<'a>, Error> {
-    let rows = Rows::new(datasets, most);
+) -> Result<Paired<'a>, Error> {
+    let placed = datasets.iter().map(|run| {
+        let missing = || DiagnosisError::NoReference { run: run.name.clone(), most: ALIKE };
+        Ok(matching(run, references).ok_or_else(missing)?)
+    });
+    let placed = placed.collect::<Result<Vec<_>, Error>>()?;
+    let healthy_n = |run: usize, k: usize| {
+        let (aligned, reference) = &placed[run];
+        aligned.at[k].map(|at| at.of(reference, |row| row.force_n)).filter(|force_n| force_n.is_finite())
+    };
+    let rows = Rows::new(datasets, most).retain(|run, k| healthy_n(run, k).is_some());
     let Some(predicted_n) = rows.predict(base) else {
         return Err(DiagnosisError::BaseDivergesPaired.into());
     };
     let mut force_n = Vec::with_capacity(rows.len());
-    for run in rows.runs() {
-        let Some(reference) = reference_force_n(run.dataset, references) else {
-            return Err(DiagnosisError::NoReference { run: run.dataset.name.clone(), most: ALIKE }.into());
+    let mut pairs = Vec::with_capacity(placed.len());
+    for (number, (run, (aligned, reference))) in rows.runs().iter().zip(&placed).enumerate() {
+        let by_motion = ByMotion::of(base, run.dataset, reference, aligned);
+        let mut differences = Vec::with_capacity(run.indices.len());
+        for ((&k, at), time_s) in run.indices.iter().zip(run.range.clone()).zip(run.times_s()) {
+            let difference_n = run.dataset.rows[k].force_n - healthy_n(number, k).unwrap_or(f64::NAN);
+            differences.push((time_s, difference_n));
+            force_n.push(predicted_n[at] + difference_n - by_motion.at(time_s));
+        }
+        pairs.push(PairedRun { alignment: aligned.alignment.clone(), cycles: aligned.cycles, differences });
+    }
+    let cycles = pairs.iter().map(|pair| pair.cycles);
+    Ok(Paired { rows: rows.with_force(force_n).with_cycles(cycles), pairs })
+}
+
+/// The force of the difference between two motions: c in the module's equation.
+struct ByMotion {
+    cycles: Option<Cycles>,
+    force_n: [f64; POINTS],
+}
+
+impl ByMotion {
+    fn of(base: &Augmented, run: &Dataset, reference: &Dataset, aligned: &Aligned) -> Self {
+        let (mut sums, mut counts) = ([0.0; POINTS], [0.0_f64; POINTS]);
+        let Some(cycles) = aligned.cycles else { return Self { cycles: None, force_n: sums } };
+        let [ours, theirs] = [run, reference].map(|dataset| simulated_n(base, dataset));
+        for ((time_s, at), (row, force_n)) in times_s(run).zip(&aligned.at).zip(run.rows.iter().zip(&ours)) {
+            let Some(at) = at.filter(|_| row.counts && cycles.number(time_s).is_some()) else { continue };
+            let apart_n = force_n - at.of_series(&theirs);
+            if apart_n.is_finite() {
+                sums[point(&cycles, time_s)] += apart_n;
+                counts[point(&cycles, time_s)] += 1.0;
+            }
+        }
+        sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum /= count.max(1.0));
+        Self { cycles: Some(cycles), force_n: sums }
+    }
+
+    fn at(&self, time_s: f64) -> f64 {
+        self.cycles.map_or(0.0, |cycles| self.force_n[point(&cycles, time_s)])
+    }
+}
+
+/// The point of the mean cycle at `time_s`.
+fn point(cycles: &Cycles, time_s: f64) -> usize {
+    (cycles.turns(time_s).rem_euclid(1.0) * POINTS as f64) as usize % POINTS
+}
+
+/// Simulated force of `model` at all rows, N; NaN where it has none.
+fn simulated_n(model: &Augmented, dataset: &Dataset) -> Vec<f64> {
+    let mut force_n = Vec::with_capacity(dataset.rows.len());
+    // The closure never breaks.
+    let _ = walk(model, dataset, |_, said| {
+        force_n.push(said.free_run_n);
+        ControlFlow::Continue(())
+    });
+    force_n
+}
+
+/// Longest period if the motion of all runs is cyclic, s.
+pub(super) fn period_s(pairs: &[PairedRun]) -> Option<f64> {
+    let longest = |longest: f64, pair: &PairedRun| Some(longest.max(pair.cycles?.period_s));
+    if pairs.is_empty() { None } else { pairs.iter().try_fold(0.0, longest) }
+}
+
+/// Noise of the difference between runs and references, root mean square, N: from cycle to cycle. `None` if a motion is not cyclic or has
+/// too few cycles.
+///
+/// ```text
+/// s^2 = mean over rows of (e(t + P) - e(t))^2 / (1 + (1 - w)^2 + w^2),   e: d without the mean of its cycle
+/// ```
+///
+/// t + P lies between two rows, of which the later one has the weight w.
+pub(super) fn noise_n(pairs: &[PairedRun]) -> Option<f64> {
+    let (mut squares, mut rows) = (0.0, 0.0_f64);
+    for pair in pairs {
+        let cycles = pair.cycles?;
+        let means = means(pair, |time_s| cycles.number(time_s));
+        if means.len() < LEAST {
+            return None;
+        }
+        let own = |(time_s, difference_n): &(f64, f64)| {
+            let number = cycles.number(*time_s)?;
+            Some(difference_n - means.iter().find(|(of, _)| *of == number)?.1)
         };
-        for (&k, at) in run.indices.iter().zip(run.range.clone()) {
-            // A row without a reference force carries no information: its difference is zero.
-            let difference_n = reference[k].map_or(0.0, |healthy_n| run.dataset.rows[k].force_n - healthy_n);
-            force_n.push(predicted_n[at] + difference_n);
+        let mut after = 0;
+        for now in &pair.differences {
+            let there_s = now.0 + cycles.period_s;
+            while after < pair.differences.len() && pair.differences[after].0 < there_s {
+                after += 1;
+            }
+            let Some([before, next]) = after.checked_sub(1).and_then(|before| pair.differences.get(before..=after)) else {
+                continue;
+            };
+            let (Some(here), [Some(low), Some(high)]) = (own(now), [before, next].map(own)) else { continue };
+            let weight = (there_s - before.0) / (next.0 - before.0);
+            let apart = low + weight * (high - low) - here;
+            squares += apart * apart / (1.0 + (1.0 - weight).powi(2) + weight * weight);
+            rows += 1.0;
         }
     }
-    Ok(rows.with_force(force_n))
+    (rows > 0.0).then(|| (squares / rows).sqrt())
+}
+
+/// The mean of the difference in each block that `number` gives, in order of time.
+fn means(pair: &PairedRun, number: impl Fn(f64) -> Option<usize>) -> Vec<(usize, f64)> {
+    let mut sums: Vec<(usize, f64, f64)> = Vec::new();
+    for (time_s, difference_n) in &pair.differences {
+        let Some(number) = number(*time_s) else { continue };
+        match sums.last_mut().filter(|(last, ..)| *last == number) {
+            Some((_, sum, count)) => (*sum, *count) = (*sum + difference_n, *count + 1.0),
+            None => sums.push((number, *difference_n, 1.0)),
+        }
+    }
+    sums.into_iter().map(|(number, sum, count)| (number, sum / count)).collect()
+}
+
+/// The change of the mean force since the references; `None` without pairs or with too few blocks.
+pub(super) fn mean_shift<'a>(pairs: impl Iterator<Item = &'a PairedRun>, settings: &Settings) -> Option<MeanShift> {
+    let block_s = settings.training_block_s();
+    let of_pair = |pair: &PairedRun| match pair.cycles {
+        Some(cycles) => means(pair, |time_s| cycles.number(time_s)),
+        None => means(pair, |time_s| Some((time_s / block_s) as usize)),
+    };
+    let blocks: Vec<f64> = pairs.flat_map(of_pair).map(|(_, mean_n)| mean_n).collect();
+    if blocks.len() < LEAST {
+        return None;
+    }
+    let count = blocks.len() as f64;
+    let force_n = blocks.iter().sum::<f64>() / count;
+    let own: Vec<f64> = blocks.iter().map(|mean_n| mean_n - force_n).collect();
+    let squares = own.iter().map(|e| e * e).sum::<f64>();
+    // Neighbouring blocks of a force that drifts are alike, so they count for less.
+    let alike = own.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / squares.max(f64::MIN_POSITIVE);
+    let alike = alike.clamp(0.0, 0.9);
+    let error_n = (squares / (count - 1.0) / count * (1.0 + alike) / (1.0 - alike)).sqrt();
+    let half_n = t95(blocks.len()) * error_n;
+    Some(MeanShift { force_n, ci95_n: [force_n - half_n, force_n + half_n], blocks: blocks.len() })
+}
+
+/// `runs` with temperatures relative to those of their references, for effects of temperature; `None` if there is nothing to change.
+///
+/// The relative temperature is a mean over [`SLOW_S`]: the force follows the fluid, which warms more slowly than the case at its sensor.
+pub(super) fn with_relative_temperature(runs: &[Dataset], references: &[Dataset]) -> Option<Vec<Dataset>> {
+    let has_temperature = |run: &Dataset| run.rows.iter().any(|row| row.case_temp_c.is_finite());
+    if references.is_empty() || !runs.iter().chain(references).any(has_temperature) {
+        return None;
+    }
+    let relative = |run: &Dataset| {
+        let mut run = run.clone();
+        let placed = matching(&run, references);
+        let change_c = |(row, at): (&Row, &Option<Between>)| {
+            let healthy_c = (*at)?.of(placed.as_ref()?.1, |row| row.case_temp_c);
+            Some(row.case_temp_c - healthy_c).filter(|change_c| change_c.is_finite())
+        };
+        let changes_c: Vec<Option<f64>> = match &placed {
+            Some((aligned, _)) => run.rows.iter().zip(&aligned.at).map(change_c).collect(),
+            None => vec![None; run.rows.len()],
+        };
+        let slow_c = slow(&times_s(&run).collect::<Vec<_>>(), &changes_c);
+        run.rows.iter_mut().zip(slow_c).for_each(|(row, slow_c)| row.case_temp_c = REFERENCE_TEMP_C + slow_c);
+        run
+    };
+    Some(runs.iter().map(relative).collect())
+}
+
+/// Mean of the known values within half of [`SLOW_S`] of each time; NaN if there is none.
+fn slow(times_s: &[f64], values: &[Option<f64>]) -> Vec<f64> {
+    let (mut from, mut to, mut sum, mut count) = (0, 0, 0.0, 0.0_f64);
+    let mean = |time_s: &f64| {
+        while to < times_s.len() && times_s[to] <= time_s + 0.5 * SLOW_S {
+            (sum, count) = values[to].map_or((sum, count), |value| (sum + value, count + 1.0));
+            to += 1;
+        }
+        while times_s[from] < time_s - 0.5 * SLOW_S {
+            (sum, count) = values[from].map_or((sum, count), |value| (sum - value, count - 1.0));
+            from += 1;
+        }
+        if count > 0.5 { sum / count } else { f64::NAN }
+    };
+    times_s.iter().map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slow_mean_covers_half_its_length_to_either_side() {
+        let times_s: Vec<f64> = (0..200).map(f64::from).collect();
+        let values: Vec<Option<f64>> = (0..200).map(|k| (k != 100).then_some(f64::from(k))).collect();
+        let found = slow(&times_s, &values);
+        let mean = |from: u32, to: u32| {
+            let kept: Vec<f64> = (from..=to).filter(|k| *k != 100).map(f64::from).collect();
+            kept.iter().sum::<f64>() / kept.len() as f64
+        };
+        for (k, [from, to]) in [(0, [0, 30]), (90, [60, 120]), (199, [169, 199])] {
+            assert!((found[k] - mean(from, to)).abs() < 1e-9, "{k}: {}", found[k]);
+        }
+        assert!(slow(&times_s, &[None; 200]).iter().all(|value| value.is_nan()));
+    }
 }

@@ -6,11 +6,12 @@ use super::finding::{
 };
 use super::interval::Contents;
 use super::joint::{Fitted, Joint};
+use super::paired::{self, Paired, PairedRun};
 use super::refusal::{BaseFault, Refusal};
 use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, NEXT_TO_NOTHING, Passed, Round, implausible};
 use super::rows::{Rows, dot};
 use super::space::{with_effect, without_effect};
-use super::{Runs, Settings, Stage, alternative, check, correlation, floor, paired, score, test_runs};
+use super::{Runs, Settings, Stage, alternative, check, correlation, floor, score, test_runs};
 use crate::effect::{Augmented, Effect, EffectModel};
 use crate::error::{DiagnosisError, Error};
 use crate::identify::{Dataset, Scales, Watch};
@@ -24,6 +25,9 @@ const NOTHING: f64 = 0.1;
 const LITTLE: f64 = 0.2;
 /// Lack of fit above which the base may be inadequate.
 const INADEQUATE: f64 = 0.5;
+/// Least share of the change since the references that the effects found must account for in paired mode. The base's own error cancels
+/// there, so the rest is another change.
+const MOST_OF_CHANGE: f64 = 0.5;
 /// If no effect was named, the base is inadequate when the alternative structure removes more than this share of its reducible error.
 const HALF: f64 = 0.5;
 /// An estimated noise floor whose square is this many times the mean square of a model's residual is wrong: the residual contains
@@ -36,7 +40,8 @@ const REFINED: f64 = 0.02;
 /// The inputs of a diagnosis: base, settings, and the rows of its runs.
 pub(super) struct Procedure<'a> {
     base: &'a Model,
-    settings: &'a Settings,
+    /// As given; in paired mode on a cyclic motion, blocks may be as short as a cycle.
+    settings: Settings,
     watch: &'a Watch<'a>,
     mode: DiagnosisMode,
     scales: Scales,
@@ -44,6 +49,9 @@ pub(super) struct Procedure<'a> {
     /// Sum of the squared force of the training runs, each run's mean removed, N².
     force: f64,
     confirm: Rows<'a>,
+    /// The training runs and the validation runs with their references; empty in absolute mode.
+    pairs: Vec<PairedRun>,
+    confirm_pairs: Vec<PairedRun>,
     runs: &'a Runs<'a>,
     /// The caller compares the base with other structures.
     structure_compared: bool,
@@ -128,9 +136,9 @@ fn rows<'a>(
     runs: &Runs,
     datasets: &'a [Dataset],
     settings: &Settings,
-) -> Result<Rows<'a>, Error> {
+) -> Result<Paired<'a>, Error> {
     if runs.reference.is_empty() {
-        return Ok(Rows::new(datasets, settings.most_rows));
+        return Ok(Paired { rows: Rows::new(datasets, settings.most_rows), pairs: Vec::new() });
     }
     paired::rows(datasets, runs.reference, &base.augmented(), settings.most_rows)
 }
@@ -140,14 +148,16 @@ impl<'a> Procedure<'a> {
     pub(super) fn new(
         base: &'a Model,
         runs: &'a Runs<'a>,
-        settings: &'a Settings,
+        settings: &Settings,
         watch: &'a Watch<'a>,
     ) -> Result<Self, Error> {
         check::check(base, runs, settings)?;
         let mode = if runs.reference.is_empty() { DiagnosisMode::Absolute } else { DiagnosisMode::Paired };
-        let (estimate, confirm) =
-            (rows(base, runs, runs.estimate, settings)?, rows(base, runs, runs.confirm, settings)?);
-        score::check_length(&estimate, settings)?;
+        let [estimate, confirm] = [runs.estimate, runs.confirm].map(|own| rows(base, runs, own, settings));
+        let (Paired { rows: estimate, pairs }, Paired { rows: confirm, pairs: confirm_pairs }) =
+            (estimate?, confirm?);
+        let settings = Settings { block_s: settings.block_s.or_else(|| paired::period_s(&pairs)), ..*settings };
+        score::check_length(&estimate, &settings)?;
         let mut force_n = estimate.measured_n().to_vec();
         estimate.centre(&mut force_n);
         Ok(Self {
@@ -159,6 +169,8 @@ impl<'a> Procedure<'a> {
             scales: Scales::of(runs.estimate)?,
             estimate,
             confirm,
+            pairs,
+            confirm_pairs,
             runs,
             structure_compared: false,
         })
@@ -181,6 +193,11 @@ impl<'a> Procedure<'a> {
         effects.into_iter().filter(|effect| !self.is_in_base(effect.effect()))
     }
 
+    /// Training and validation runs with their references.
+    fn both_pairs(&self) -> impl Iterator<Item = &PairedRun> {
+        self.pairs.iter().chain(&self.confirm_pairs)
+    }
+
     fn joint(&self) -> Joint<'_> {
         let base_moves = self.mode == DiagnosisMode::Absolute;
         Joint {
@@ -196,7 +213,7 @@ impl<'a> Procedure<'a> {
         Round {
             joint: self.joint(),
             confirm: &self.confirm,
-            settings: self.settings,
+            settings: &self.settings,
             noise,
             base_reducible: 0.0,
             force: if self.structure_compared { self.force } else { 0.0 },
@@ -254,10 +271,11 @@ impl<'a> Procedure<'a> {
             stage(Stage::Alternative);
             results.base_fault = self.inadequate(&pair, floor.rsse_n, &results.fits)?;
         }
-        if let Some(why) = &results.base_fault {
+        let why = results.base_fault.clone().map(Refusal::BaseInadequate);
+        if let Some(why) = why.or_else(|| self.something_else(&pair, noise)) {
             let withdrawn = self.findings(&pair.found.model).map(|effect| effect.effect());
-            let why = Refusal::BaseInadequate(why.clone());
             results.refused.extend(withdrawn.map(|effect| RefusedEffect { effect, why: why.clone() }));
+            results.named.clear();
             (pair, floor) = (pair.base_alone(), base_floor);
         }
         stage(Stage::TestRuns);
@@ -270,7 +288,12 @@ impl<'a> Procedure<'a> {
     }
 
     fn noise_floor(&self, fitted: &Fitted) -> Result<NoiseFloor, Error> {
-        let floor = floor::noise_floor(&self.estimate, &fitted.model, self.runs.replicates, self.settings)?;
+        let given = self.settings.noise_floor_n.is_some() || !self.runs.replicates.is_empty();
+        if let Some(rsse_n) = paired::noise_n(&self.pairs).filter(|_| !given && !self.pairs.is_empty()) {
+            let esr = rsse_n * rsse_n * self.estimate.len() as f64 / self.estimate.spread();
+            return Ok(NoiseFloor { source: FloorSource::Cycles, rsse_n, esr });
+        }
+        let floor = floor::noise_floor(&self.estimate, &fitted.model, self.runs.replicates, &self.settings)?;
         // The difference of two runs contains the noise of both.
         let doubles = self.mode == DiagnosisMode::Paired && floor.source != FloorSource::Declared;
         let factor = if doubles { 2.0_f64 } else { 1.0 };
@@ -291,8 +314,14 @@ impl<'a> Procedure<'a> {
         results.starts.push(found.model.effects().ids().collect());
         let number = results.starts.len();
         stage(Stage::Scores(number));
-        let round = Round { base_reducible, ..self.round(*noise, number) };
-        let scores = score::scores(&round.joint, &self.confirm, found, self.settings)?;
+        // On a single motion, effects that the runs cannot tell from a named one would share its change.
+        let taken = results.named.values().flat_map(|(_, class)| class.iter().copied());
+        let settings = match self.mode {
+            DiagnosisMode::Paired => Settings { effects: self.settings.effects.without(taken), ..self.settings },
+            DiagnosisMode::Absolute => self.settings,
+        };
+        let round = Round { base_reducible, settings: &settings, ..self.round(*noise, number) };
+        let scores = score::scores(&round.joint, &self.confirm, found, &settings)?;
         stage(Stage::Refits(number));
         let outcome = round.run(found, &scores)?;
         if number == 1 {
@@ -311,6 +340,14 @@ impl<'a> Procedure<'a> {
             *found = fitted;
         }
         Ok(())
+    }
+
+    /// In paired mode, why the effects found are not the change since the references; `None` if they may be.
+    fn something_else(&self, pair: &Pair, noise: f64) -> Option<Refusal> {
+        let share = (pair.base.squares - pair.found.squares) / (pair.base.squares - noise).max(f64::MIN_POSITIVE);
+        let found = self.findings(&pair.found.model).next().is_some();
+        (self.mode == DiagnosisMode::Paired && found && share < MOST_OF_CHANGE)
+            .then_some(Refusal::MostIsSomethingElse { share, needed: MOST_OF_CHANGE })
     }
 
     /// Why the base is inadequate; `None` if it is adequate.
@@ -416,7 +453,7 @@ impl<'a> Procedure<'a> {
                 continue;
             }
             let Some(effects) = self.settings.effects.among(effect) else { continue };
-            let settings = Settings { effects, ..*self.settings };
+            let settings = Settings { effects, ..self.settings };
             let round = Round { settings: &settings, ..self.round(noise, 0) };
             let scores = score::scores(&round.joint, &self.confirm, &without, &settings)?;
             let Some(passed) = round.run(&without, &scores)?.passed else { continue };
@@ -509,9 +546,10 @@ impl<'a> Procedure<'a> {
         mut results: RoundResults,
     ) -> Result<DiagnosisResult, Error> {
         let effects = self.named(pair, noise, &mut results)?;
-        let test_rows = rows(self.base, self.runs, self.runs.test, self.settings)?;
+        let Paired { rows: test_rows, pairs: test_pairs } =
+            rows(self.base, self.runs, self.runs.test, &self.settings)?;
         let [before, after] = test_runs::both(&test_rows, &pair.base.model, &pair.found.model)?;
-        let test = test_runs::read(&test_rows, &before, &after, noise_floor.rsse_n, self.settings);
+        let test = test_runs::read(&test_rows, &before, &after, noise_floor.rsse_n, &self.settings);
         let remaining = self.remaining_error(pair, noise_floor.rsse_n);
         let held = test.as_ref().is_none_or(super::TestResult::proves);
         let verdict = match results.base_fault {
@@ -535,6 +573,8 @@ impl<'a> Procedure<'a> {
             test,
             remaining,
             structures: Vec::new(),
+            alignments: self.both_pairs().chain(&test_pairs).map(|pair| pair.alignment.clone()).collect(),
+            mean_shift: paired::mean_shift(self.both_pairs(), &self.settings),
         })
     }
 
@@ -577,7 +617,7 @@ impl<'a> Procedure<'a> {
             lof: lof(after.squares),
             lof_before: lof(before.squares),
             share: (after.squares - noise).max(0.0) / (before.squares - noise).max(f64::MIN_POSITIVE),
-            correlates_with: correlation::correlates_with(&self.confirm, &after.residual_n, self.settings),
+            correlates_with: correlation::correlates_with(&self.confirm, &after.residual_n, &self.settings),
         }
     }
 

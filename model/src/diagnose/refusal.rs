@@ -128,6 +128,19 @@ pub enum Refusal {
         /// The 95 % interval.
         ci95: [f64; 2],
     },
+    /// The runs do not determine where the effect acts.
+    #[error(
+        "these runs do not determine {parameter}: its 95 % interval contains the whole range of {} to {}",
+        five_digits(range[0]), five_digits(range[1])
+    )]
+    ShapeNotDetermined {
+        /// Name of the parameter, which ends in the unit.
+        parameter: &'static str,
+        /// The 95 % interval.
+        ci95: [f64; 2],
+        /// The physical range.
+        range: [f64; 2],
+    },
     /// A validation run gets worse.
     #[error("validation run {run} gets worse with it ({:+.1} % squared error)", 100.0 * increase)]
     WorseInValidation {
@@ -143,6 +156,28 @@ pub enum Refusal {
     )]
     TooSmallInValidation {
         /// Share of the squared error that it removes on the validation runs.
+        share: f64,
+        /// Share that is required.
+        needed: f64,
+    },
+    /// The energy of a cycle contradicts the effect.
+    #[error(
+        "would take up {} J in each cycle, but the residual has {} J",
+        five_digits(*effect_j), five_digits(*residual_j)
+    )]
+    EnergyContradicts {
+        /// Energy that the damper takes up in a cycle by the effect, J.
+        effect_j: f64,
+        /// Energy of the residual in a cycle, J.
+        residual_j: f64,
+    },
+    /// In paired mode, most of the change since the references is something else.
+    #[error(
+        "all effects found account for {:.0} % of the change since the reference runs; under {:.0} %, the change is probably something else",
+        100.0 * share, 100.0 * needed
+    )]
+    MostIsSomethingElse {
+        /// Share of the reducible error that all effects remove.
         share: f64,
         /// Share that is required.
         needed: f64,

@@ -4,6 +4,7 @@
 //! every check is named; each one rejected before it is listed with the reason.
 
 use super::Settings;
+use super::energy::{Contradiction, denies};
 use super::finding::{Candidate, FoundParameter, RefusedEffect};
 use super::interval::{Contents, Intervals};
 use super::joint::{Fitted, Joint};
@@ -130,7 +131,16 @@ impl Round<'_> {
         for (rank, best) in refits.iter().enumerate() {
             match self.validate(current, best)? {
                 Ok(fitted) => {
-                    let class = self.class(current, best, &refits, scores)?;
+                    let mut class = self.class(current, best, &refits, scores)?;
+                    // A change since the references that could not be tested, and would remove as much, is not excluded.
+                    let as_much = |score: &&Score| {
+                        !self.joint.base_moves && score.predicted_drop >= SAME_CLASS * best.drop
+                    };
+                    for silent in all.silent.iter().filter(as_much) {
+                        if !class.contains(&silent.effect.id()) {
+                            class.push(silent.effect.id());
+                        }
+                    }
                     let (effect, p_adjusted) = (best.score.effect, best.p_adjusted);
                     let others = &refits[rank + 1..];
                     refused.extend(others.iter().filter(|r| !class.contains(&r.score.effect.id())).map(
@@ -173,6 +183,13 @@ impl Round<'_> {
         }
         if let Err(why) = self.beyond_structure(effect, drop) {
             return Ok(Err(why));
+        }
+        let change_n: Vec<f64> =
+            fitted.predicted_n.iter().zip(&current.predicted_n).map(|(with, without)| with - without).collect();
+        if let Some(Contradiction { residual_j, effect_j }) =
+            denies(self.joint.rows, &current.residual_n, &change_n)
+        {
+            return Ok(Err(Refusal::EnergyContradicts { effect_j, residual_j }));
         }
         let effects = fitted.model.effects().as_slice();
         let Some(index) = effects.iter().position(|e| e.effect() == effect) else {
@@ -288,6 +305,9 @@ pub(super) fn implausible(effect: &EffectModel, found: &FoundParameter, joint: &
         return Some(Refusal::AtEndOfRange { parameter, value, range });
     }
     let [from, to] = found.ci95;
+    if parameter.is_shape() && from <= low && to >= high {
+        return Some(Refusal::ShapeNotDetermined { parameter: found.name, ci95: found.ci95, range: found.range });
+    }
     let is_there = from > neutral || to < neutral;
     if !parameter.is_shape() && !is_there {
         return Some(Refusal::IncludesZero { parameter: found.name, ci95: found.ci95 });

@@ -4,6 +4,7 @@
 //! the rows that count ([`crate::identify::Row::counts`]); of long runs every n-th of them. Every series is concatenated run by run, and
 //! each run's mean is removed: sessions differ in their force offset, and no effect in the library is an offset.
 
+use super::cycle::Cycles;
 use crate::effect::{Augmented, Need};
 use crate::identify::{Dataset, walk};
 pub(super) use crate::statistics::dot;
@@ -26,6 +27,8 @@ pub(super) struct RunRows<'a> {
     pub(super) range: Range<usize>,
     /// Time that each row stands for, s. The rows that are left out at rest do not count.
     pub(super) step_s: f64,
+    /// The cycles of the motion, in paired mode if it is cyclic; all rows are then within whole cycles.
+    pub(super) cycles: Option<Cycles>,
 }
 
 impl RunRows<'_> {
@@ -100,7 +103,7 @@ impl<'a> Rows<'a> {
                 let range = start..start + indices.len();
                 start = range.end;
                 let step_s = if dataset.rate_hz > 0.0 { every as f64 / dataset.rate_hz } else { 0.0 };
-                RunRows { dataset, indices, range, step_s }
+                RunRows { dataset, indices, range, step_s, cycles: None }
             })
             .collect();
         let force =
@@ -109,11 +112,32 @@ impl<'a> Rows<'a> {
         Self { runs, measured_n }
     }
 
+    /// The rows that `keep` takes, given the number of the run and the index of the row.
+    pub(super) fn retain(self, keep: impl Fn(usize, usize) -> bool) -> Self {
+        let mut measured_n = Vec::with_capacity(self.measured_n.len());
+        let mut runs = Vec::with_capacity(self.runs.len());
+        for (number, run) in self.runs.into_iter().enumerate() {
+            let start = measured_n.len();
+            let kept = run.indices.iter().zip(run.range.clone()).filter(|(k, _)| keep(number, **k));
+            let (indices, force_n): (Vec<usize>, Vec<f64>) =
+                kept.map(|(k, at)| (*k, self.measured_n[at])).unzip();
+            measured_n.extend(force_n);
+            runs.push(RunRows { indices, range: start..measured_n.len(), ..run });
+        }
+        Self { runs, measured_n }
+    }
+
+    /// The same rows, with the cycles of each run.
+    pub(super) fn with_cycles(mut self, cycles: impl Iterator<Item = Option<Cycles>>) -> Self {
+        self.runs.iter_mut().zip(cycles).for_each(|(run, cycles)| run.cycles = cycles);
+        self
+    }
+
     /// The same rows of `datasets`, which replace the runs and have as many rows.
     pub(super) fn with_datasets<'b>(&self, datasets: &'b [Dataset]) -> Rows<'b> {
         let replaced = |(run, dataset): (&RunRows, &'b Dataset)| {
             debug_assert_eq!(run.dataset.rows.len(), dataset.rows.len(), "one row for each");
-            RunRows { dataset, indices: run.indices.clone(), range: run.range.clone(), step_s: run.step_s }
+            RunRows { dataset, indices: run.indices.clone(), range: run.range.clone(), ..*run }
         };
         let runs = self.runs.iter().zip(datasets).map(replaced).collect();
         Rows { runs, measured_n: self.measured_n.clone() }

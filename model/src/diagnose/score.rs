@@ -59,6 +59,8 @@ pub(super) struct Score {
 pub(super) struct Scores {
     /// Scores of the effects that these runs can test.
     pub(super) able: Vec<Score>,
+    /// Scores of effects whose test could never be significant on these runs.
+    pub(super) silent: Vec<Score>,
     /// The effects that these runs cannot test, each with the reason.
     pub(super) untestable: Vec<RefusedEffect>,
     span: DerivativeSpan,
@@ -93,11 +95,11 @@ pub(super) fn scores(
     // A test that can never be significant is left out, so that it does not weaken the correction of the others.
     let (able, silent): (Vec<Score>, Vec<Score>) =
         scores.into_iter().partition(|score| least_p(score.sums.len()) <= settings.significance);
-    untestable.extend(silent.into_iter().map(|score| RefusedEffect {
+    untestable.extend(silent.iter().map(|score| RefusedEffect {
         effect: score.effect,
         why: Refusal::TooFewBlocks { blocks: score.sums.len() },
     }));
-    Ok(Scores { able, untestable, span })
+    Ok(Scores { able, silent, untestable, span })
 }
 
 impl Scores {
@@ -241,7 +243,7 @@ fn held_score(
     let possible = (low..=high).contains(&(neutral + 1e-3 * regressed.signum() * step.abs()));
     // The block length follows from the correlation of the rest after the effect is removed: the effect itself may be slow.
     let rest: Vec<f64> = own.iter().zip(&fitted.residual_n).map(|(g, r)| g * (r - regressed * g)).collect();
-    let blocks = Blocks::against(joint.rows, &rest, settings.training_block_s());
+    let blocks = Blocks::of_test(joint.rows, &rest, settings.training_block_s());
     let mut sums = blocks.sums(&own, &fitted.residual_n);
     if !possible {
         sums.fill(0.0);

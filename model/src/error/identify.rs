@@ -67,6 +67,20 @@ pub enum IdentifyError {
         /// Name of the run.
         run: String,
     },
+    /// Force and velocity have opposite signs.
+    #[error(
+        "run {run}: force and velocity have opposite signs (correlation {correlation:.2}, power {power_w:.3} W), but a damper gives off no energy: \
+         its load cell or its displacement sensor is reversed. Turn the sign in this run: mr-damper convert RUN NEW.csv --map \
+         measured_force=force_n,sign=-1, or, if the displacement is reversed, --map displacement=displacement_m,sign=-1"
+    )]
+    ReversedForce {
+        /// Name of the run.
+        run: String,
+        /// Correlation of force and velocity.
+        correlation: f64,
+        /// Mean power that the machine takes up, W.
+        power_w: f64,
+    },
     /// The requested rate cannot be reached by omitting samples.
     #[error(
         "run {run}: its rate is {rate_hz:.6} Hz, not a whole multiple of {requested_hz} Hz; leave the run out, or choose another rate"

@@ -200,6 +200,7 @@ fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
     if let Some(still) = datasets.iter().find(|d| d.counted() == 0) {
         return Err(IdentifyError::NothingCounts { run: still.name.clone() }.into());
     }
+    datasets.iter().try_for_each(check_sign)?;
     let varies = |d: &Dataset| d.envelope.force_n.is_some_and(|[low, high]| high > low);
     if datasets.iter().any(varies) {
         return Ok(());
@@ -208,6 +209,22 @@ fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
         force_n: datasets[0].envelope.force_n.map_or(f64::NAN, |[low, _]| low),
     }
     .into())
+}
+
+/// Largest correlation of force and velocity of a machine that takes up energy, with the other sign. A spring or a mass alone gives zero.
+const REVERSED: f64 = -0.2;
+
+/// Refuses a run whose force has the other sign than its velocity: a load cell or a displacement sensor is reversed, because a damper
+/// gives off no energy. A fit to such a run looks good, and its model would push where the damper brakes.
+pub(crate) fn check_sign(run: &Dataset) -> Result<(), Error> {
+    let rows = || run.rows.iter().filter(|row| row.counts);
+    let pairs: Vec<(f64, f64)> = rows().map(|row| (row.force_n, row.velocity_m_s)).collect();
+    let correlation = crate::statistics::correlation::pearson(&pairs);
+    if correlation > REVERSED || correlation.is_nan() {
+        return Ok(());
+    }
+    let power_w = pairs.iter().map(|(force_n, velocity_m_s)| force_n * velocity_m_s).sum::<f64>() / pairs.len() as f64;
+    Err(IdentifyError::ReversedForce { run: run.name.clone(), correlation, power_w }.into())
 }
 
 /// The kind of drive of all runs, given by name and drive; `None` for a passive model.

@@ -3,7 +3,7 @@
 use super::words;
 use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::{
-    Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors, StructureRow,
+    Alignment, Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors, StructureRow,
     TestResult,
 };
 use mr_damper_model::metrics::Fit;
@@ -35,6 +35,31 @@ pub struct DiagnosisReport<'a> {
     blocks: usize,
     /// The structures that were tried as base; empty if only the given base was diagnosed.
     structures: Vec<StructureJson<'a>>,
+    /// How each run was placed on its reference; empty without reference runs.
+    alignments: Vec<AlignmentRow<'a>>,
+    /// Change of the mean force since the reference runs; `null` without them.
+    mean_shift: Option<MeanShiftRow>,
+}
+
+/// How a run was placed on its reference.
+#[derive(Debug, Serialize)]
+struct AlignmentRow<'a> {
+    run: &'a str,
+    reference: &'a str,
+    /// `crank_angle` or `time`.
+    by: &'static str,
+    period_s: Option<f64>,
+    lag_s: f64,
+    offset_m: f64,
+    difference: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct MeanShiftRow {
+    force_n: f64,
+    ci95_n: [f64; 2],
+    blocks: usize,
+    causes: &'static [&'static str],
 }
 
 #[derive(Debug, Serialize)]
@@ -226,7 +251,26 @@ impl<'a> DiagnosisReport<'a> {
             candidates: result.candidates.iter().map(candidate).collect(),
             blocks: result.blocks,
             structures: result.structures.iter().map(structure).collect(),
+            alignments: result.alignments.iter().map(alignment).collect(),
+            mean_shift: result.mean_shift.map(|shift| MeanShiftRow {
+                force_n: shift.force_n,
+                ci95_n: shift.ci95_n,
+                blocks: shift.blocks,
+                causes: result.causes_of_mean_shift(),
+            }),
         }
+    }
+}
+
+fn alignment(of: &Alignment) -> AlignmentRow<'_> {
+    AlignmentRow {
+        run: &of.run,
+        reference: &of.reference,
+        by: if of.period_s.is_some() { "crank_angle" } else { "time" },
+        period_s: of.period_s,
+        lag_s: of.lag_s,
+        offset_m: of.offset_m,
+        difference: of.difference,
     }
 }
 

@@ -41,6 +41,11 @@ pub fn html(outcome: &DiagnosisOutcome<'_>) -> String {
         (section("What each effect explains", &rounds(result)))
         (section("Refused, and not testable", &reasons(result)))
         (section("Remaining error", &remaining_error(result)))
+        @if !result.alignments.is_empty() {
+            (section("Alignment with the reference runs", &html! {
+                ul { @for alignment in &result.alignments { li { (words::alignment(alignment)) } } }
+            }))
+        }
         @if result.test.is_none() {
             p.verdict.bad { "Without test runs the pictures below are of the confirm runs (validation runs), which decided on the effects." }
         }
@@ -63,6 +68,7 @@ fn summary(result: &DiagnosisResult) -> Markup {
         @if let Some(paired) = words::paired(result.mode) {
             p { (paired) " In the pictures " em { "before" } " is the healthy run's force, and " em { "after" } " is that force with the effects." }
         }
+        @if let Some(shift) = words::mean_shift(result) { p { (shift) } }
         @if tells { p.verdict.bad[!proved] { (words::proof(result.test.as_ref())) } }
     }
 }

@@ -19,6 +19,7 @@ pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     reasons(&mut text, "Refused", words::refused(result).into_iter().map(|r| (r.effect, &r.why)));
     reasons(&mut text, "Not testable with these runs", result.untestable.iter().map(|r| (r.effect, &r.why)));
     remaining_error(&mut text, result);
+    alignments(&mut text, result);
     text
 }
 
@@ -30,6 +31,7 @@ pub fn short(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     words::other_base(result).into_iter().for_each(|remark| paragraph(&mut text, 0, &remark));
     let remarks = [words::next_step(result), words::paired(result.mode)];
     remarks.into_iter().flatten().for_each(|remark| paragraph(&mut text, 0, remark));
+    words::mean_shift(result).into_iter().for_each(|shift| paragraph(&mut text, 0, &shift));
     if !result.effects.is_empty() || result.test.is_some() {
         paragraph(&mut text, 0, &words::proof(result.test.as_ref()));
     }
@@ -129,6 +131,15 @@ fn reasons<'a>(text: &mut String, heading: &str, rows: impl Iterator<Item = (Eff
     }
     for (effect, why) in rows {
         paragraph(text, 2, &format!("{}: {why}", effect.title()));
+    }
+}
+
+fn alignments(text: &mut String, result: &DiagnosisResult) {
+    if !result.alignments.is_empty() {
+        text.push_str("\nAlignment with the reference runs\n");
+    }
+    for alignment in &result.alignments {
+        paragraph(text, 2, &words::alignment(alignment));
     }
 }
 

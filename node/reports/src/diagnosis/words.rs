@@ -1,7 +1,7 @@
 //! Sentences about a diagnosis, shared by terminal and report.
 
 use mr_damper_model::diagnose::{
-    DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal, RefusedEffect, Stage,
+    Alignment, DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal, RefusedEffect, Stage,
     StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::{Effect, EffectModel, Parameter};
@@ -223,6 +223,37 @@ pub fn paired(mode: DiagnosisMode) -> Option<&'static str> {
     )
 }
 
+/// The change of the mean force since the reference runs, with its cause; `None` if no change is proved.
+#[must_use]
+pub fn mean_shift(result: &DiagnosisResult) -> Option<String> {
+    let shift = result.mean_shift.filter(|shift| shift.is_proved())?;
+    let [low, high] = shift.ci95_n.map(figure);
+    let cause = match result.causes_of_mean_shift() {
+        [_] => "the pressure of the gas changed",
+        _ => "the pressure of the gas or the zero of the load cell changed; these runs cannot tell which",
+    };
+    Some(format!(
+        "Since the reference runs the mean force has changed by {} (95 %: {low} to {high} N): {cause}. The model file keeps the force \
+         offset of its base.",
+        force(shift.force_n)
+    ))
+}
+
+/// How a run was placed on its reference.
+pub(crate) fn alignment(of: &Alignment) -> String {
+    let by = match of.period_s {
+        Some(period_s) => format!("by crank angle (period {} s)", figure(period_s)),
+        None => format!("by time ({:+.4} s)", of.lag_s),
+    };
+    format!(
+        "{} on {} {by}; the zeros of displacement are {} mm apart, {} of the displacement differs",
+        file_name(&of.run),
+        file_name(&of.reference),
+        figure(1e3 * of.offset_m),
+        percent(of.difference)
+    )
+}
+
 /// With fewer blocks than this, sign flips cannot give a p-value that survives the correction for about fifteen tests.
 const FEW_BLOCKS: usize = 10;
 
@@ -307,6 +338,7 @@ pub fn noise_floor(floor: &NoiseFloor) -> String {
         }
         FloorSource::Replicates => "from replicates",
         FloorSource::Declared => "as declared",
+        FloorSource::Cycles => "from the scatter between cycles",
         FloorSource::Estimated => {
             "estimated from the sample-to-sample noise of the force: white noise only, so a lower bound; give \
              --replicates or --noise-floor for a reliable value"

@@ -1,0 +1,343 @@
+//! A reference run placed on a run of the same excitation.
+//!
+//! ```text
+//! cyclic motion   same cycle number and crank angle:   t' = t0' + (t - t0) P'/P + tau      P, P': the periods
+//! other motion    same time:                           t' = t + tau
+//! force           F'(t'), straight between the samples of the reference
+//! ```
+//!
+//! tau minimises the difference of the displacements, each with its mean removed: the displacement sensors of two sessions have different
+//! zeros, and recordings begin at different instants. An error of 10 ms would be a change of phase, which looks like friction. Of a motion
+//! that is not cyclic, tau is first searched in steps over 10 s.
+//!
+//! The runs have one excitation if the displacements differ by at most 5 % then, and the drives by at most 10 %, root mean square.
+
+use super::cycle::{Cycles, times_s};
+use crate::identify::{Dataset, Row};
+
+/// Largest difference between the displacements, root mean square, as a share of the displacement.
+pub(super) const ALIKE: f64 = 0.05;
+/// The same for the drives.
+const ALIKE_DRIVE: f64 = 0.1;
+/// Largest difference in time that is searched, s.
+const REACH_S: f64 = 10.0;
+/// Step of that search, s.
+const STEP_S: f64 = 0.04;
+/// Least share of the run that the reference must cover.
+const LEAST_COVER: f64 = 0.5;
+/// Steps of Gauss-Newton that refine tau.
+const REFINEMENTS: usize = 4;
+/// A time this near to a sample, as a share of the step, takes that sample: a mean of two samples has less noise than one.
+const AT_SAMPLE: f64 = 0.02;
+
+/// How a reference run was placed on a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignment {
+    /// Name of the run.
+    pub run: String,
+    /// Name of the reference run.
+    pub reference: String,
+    /// Period of the motion if the runs were aligned by crank angle, s; `None` if they were aligned by time.
+    pub period_s: Option<f64>,
+    /// Time of the reference minus time of the run at the run's first row, each counted from its own first row, s.
+    pub lag_s: f64,
+    /// Mean displacement of the run minus that of the reference, m: the difference of the zeros of their sensors.
+    pub offset_m: f64,
+    /// Difference between the displacements that is left, root mean square, as a share of the displacement.
+    pub difference: f64,
+}
+
+/// A reference run on the rows of a run.
+pub(super) struct Aligned {
+    pub(super) alignment: Alignment,
+    /// The reference at each row of the run; `None` where it has no rows.
+    pub(super) at: Vec<Option<Between>>,
+    /// The cycles of the run, if its motion is cyclic.
+    pub(super) cycles: Option<Cycles>,
+}
+
+/// A time between two rows.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Between {
+    /// The row after it.
+    after: usize,
+    /// Weight of the row after it; the row before has the rest.
+    weight: f64,
+}
+
+impl Between {
+    /// The value of a channel of `run` there; not finite if it is not known.
+    pub(super) fn of(self, run: &Dataset, channel: impl Fn(&Row) -> f64) -> f64 {
+        let after = channel(&run.rows[self.after]);
+        if self.weight == 1.0 {
+            return after;
+        }
+        let before = channel(&run.rows[self.after - 1]);
+        before + self.weight * (after - before)
+    }
+
+    /// The value of a series with one value for each row.
+    pub(super) fn of_series(self, series: &[f64]) -> f64 {
+        let after = series[self.after];
+        if self.weight == 1.0 {
+            return after;
+        }
+        let before = series[self.after - 1];
+        before + self.weight * (after - before)
+    }
+}
+
+/// Times of the reference that belong to times of the run: t' = offset + scale t.
+#[derive(Debug, Clone, Copy)]
+struct Clock {
+    offset_s: f64,
+    scale: f64,
+}
+
+/// Places `reference` on `run`; `None` if they do not have one excitation.
+pub(super) fn align(run: &Dataset, reference: &Dataset) -> Option<Aligned> {
+    let times: Vec<f64> = times_s(run).collect();
+    let of_reference: Vec<f64> = times_s(reference).collect();
+    let cyclic = Cycles::of(run).zip(Cycles::of(reference));
+    let mut clock = match cyclic {
+        Some((ours, theirs)) => {
+            let scale = theirs.period_s / ours.period_s;
+            Clock { offset_s: theirs.start_s - scale * ours.start_s, scale }
+        }
+        None => Clock { offset_s: coarse_lag_s(run, &times, reference, &of_reference)?, scale: 1.0 },
+    };
+    // Of a cyclic motion only the whole cycles are compared: before and after them the machine starts and stops.
+    let whole = |clock: Clock| {
+        let mut at = places(&times, &of_reference, reference, clock);
+        if let Some((ours, theirs)) = &cyclic {
+            for (at, time_s) in at.iter_mut().zip(&times) {
+                let both = ours.number(*time_s).and(theirs.number(clock.offset_s + clock.scale * time_s));
+                *at = at.filter(|_| both.is_some());
+            }
+        }
+        at
+    };
+    for _ in 0..REFINEMENTS {
+        clock.offset_s += correction_s(run, reference, &whole(clock))?;
+    }
+    let at = whole(clock);
+    let displacement = Difference::between(pairs(run, &at), reference, |row| row.displacement_m);
+    let drive_alike = run.drive.is_none()
+        || Difference::between(pairs(run, &at), reference, |row| row.drive).of_size() <= ALIKE_DRIVE;
+    let alike = displacement.rows >= LEAST_COVER * run.counted() as f64
+        && displacement.of_spread() <= ALIKE
+        && drive_alike;
+    alike.then(|| Aligned {
+        alignment: Alignment {
+            run: run.name.clone(),
+            reference: reference.name.clone(),
+            period_s: cyclic.map(|(ours, _)| ours.period_s),
+            lag_s: clock.offset_s,
+            offset_m: displacement.mean,
+            difference: displacement.of_spread(),
+        },
+        at,
+        cycles: cyclic.map(|(ours, _)| ours),
+    })
+}
+
+/// The rows of `reference` around the time of each row of the run.
+fn places(times: &[f64], of_reference: &[f64], reference: &Dataset, clock: Clock) -> Vec<Option<Between>> {
+    let mut after = 0;
+    let place = |time_s: &f64| {
+        let there_s = clock.offset_s + clock.scale * time_s;
+        while after < of_reference.len() && of_reference[after] < there_s {
+            after += 1;
+        }
+        let (Some(next_s), Some(last)) = (of_reference.get(after), after.checked_sub(1)) else {
+            // At the ends, a sample counts if it is at this time.
+            let step_s = 1.0 / reference.rate_hz.max(1.0);
+            let end = after.min(of_reference.len().checked_sub(1)?);
+            let near = (of_reference[end] - there_s).abs() <= AT_SAMPLE * step_s;
+            return near.then_some(Between { after: end, weight: 1.0 });
+        };
+        let weight = (there_s - of_reference[last]) / (next_s - of_reference[last]);
+        if weight >= 1.0 - AT_SAMPLE {
+            return Some(Between { after, weight: 1.0 });
+        }
+        if weight <= AT_SAMPLE {
+            return Some(Between { after: last, weight: 1.0 });
+        }
+        // Nothing is known within a gap.
+        reference.rows[after].dt_s.is_some().then_some(Between { after, weight })
+    };
+    times.iter().map(place).collect()
+}
+
+/// Time of the reference minus time of the run, s, at which displacement and drive differ least; `None` if they have no common time.
+fn coarse_lag_s(run: &Dataset, times: &[f64], reference: &Dataset, of_reference: &[f64]) -> Option<f64> {
+    let end_s = of_reference.last()?;
+    let grid: Vec<f64> = (0..=(end_s / STEP_S) as usize).map(|k| k as f64 * STEP_S).collect();
+    let same = Clock { offset_s: 0.0, scale: 1.0 };
+    let coarse: Vec<Option<Between>> = places(&grid, of_reference, reference, same);
+    // One row of the run in each step, with the number of the step.
+    let mut step = i64::MIN;
+    let rows: Vec<(i64, usize)> = times
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| run.rows[*k].counts)
+        .map(|(k, time_s)| ((time_s / STEP_S).round() as i64, k))
+        .filter(|(here, _)| std::mem::replace(&mut step, *here) != *here)
+        .collect();
+    let reach = (REACH_S / STEP_S) as i64;
+    let difference = |lag: i64| {
+        let of_rows = rows.iter().filter_map(|(step, k)| {
+            let there = usize::try_from(step + lag).ok()?;
+            Some((&run.rows[*k], (*coarse.get(there)?)?))
+        });
+        let displacement = Difference::between(of_rows.clone(), reference, |row| row.displacement_m);
+        if displacement.rows < LEAST_COVER * rows.len() as f64 {
+            return None;
+        }
+        let drive = match run.drive {
+            Some(_) => Difference::between(of_rows, reference, |row| row.drive).of_size(),
+            None => 0.0,
+        };
+        Some((lag, displacement.of_spread().powi(2) + drive * drive))
+    };
+    let found = (-reach..=reach).filter_map(difference).min_by(|(_, a), (_, b)| a.total_cmp(b));
+    found.map(|(lag, _)| lag as f64 * STEP_S)
+}
+
+/// The change of the reference's time that brings the displacements closer, s: one step of Gauss-Newton.
+fn correction_s(run: &Dataset, reference: &Dataset, at: &[Option<Between>]) -> Option<f64> {
+    let mean_m = Difference::between(pairs(run, at), reference, |row| row.displacement_m).mean;
+    let (mut with_speed, mut of_speed) = (0.0, 0.0);
+    for (row, at) in pairs(run, at) {
+        let apart_m = row.displacement_m - at.of(reference, |row| row.displacement_m) - mean_m;
+        let velocity_m_s = at.of(reference, |row| row.velocity_m_s);
+        if (apart_m * velocity_m_s).is_finite() {
+            with_speed += apart_m * velocity_m_s;
+            of_speed += velocity_m_s * velocity_m_s;
+        }
+    }
+    (of_speed > 0.0).then_some(with_speed / of_speed)
+}
+
+/// Rows of the run that count, each with its place in the reference.
+fn pairs<'a>(run: &'a Dataset, at: &'a [Option<Between>]) -> impl Iterator<Item = (&'a Row, Between)> + Clone {
+    run.rows.iter().zip(at).filter(|(row, _)| row.counts).filter_map(|(row, at)| Some((row, (*at)?)))
+}
+
+/// The difference of a channel between a run and its reference, where both are known.
+struct Difference {
+    /// Number of rows.
+    rows: f64,
+    /// Mean of run minus reference.
+    mean: f64,
+    /// Sum of the squared difference, and without its mean.
+    squares: f64,
+    apart: f64,
+    /// Sum of the run's squares, and without their mean.
+    size: f64,
+    spread: f64,
+}
+
+impl Difference {
+    fn between<'a>(
+        pairs: impl Iterator<Item = (&'a Row, Between)> + Clone,
+        reference: &Dataset,
+        channel: impl Fn(&Row) -> f64,
+    ) -> Self {
+        let values = pairs
+            .map(|(row, at)| (channel(row), channel(row) - at.of(reference, &channel)))
+            .filter(|(value, apart)| value.is_finite() && apart.is_finite());
+        let (mut rows, mut sum, mut sum_apart) = (0.0_f64, 0.0, 0.0);
+        for (value, apart) in values.clone() {
+            rows += 1.0;
+            sum += value;
+            sum_apart += apart;
+        }
+        let (middle, mean) = (sum / rows.max(1.0), sum_apart / rows.max(1.0));
+        let zero = Self { rows, mean, squares: 0.0, apart: 0.0, size: 0.0, spread: 0.0 };
+        values.fold(zero, |sums, (value, apart)| Self {
+            squares: sums.squares + apart * apart,
+            apart: sums.apart + (apart - mean).powi(2),
+            size: sums.size + value * value,
+            spread: sums.spread + (value - middle).powi(2),
+            ..sums
+        })
+    }
+
+    /// Root mean square without its mean, as a share of the run's.
+    fn of_spread(&self) -> f64 {
+        ratio(self.apart, self.spread)
+    }
+
+    /// Root mean square as a share of the run's; zero if both are zero.
+    fn of_size(&self) -> f64 {
+        ratio(self.squares, self.size)
+    }
+}
+
+/// Root of the ratio; zero without any difference.
+fn ratio(squares: f64, of: f64) -> f64 {
+    if squares == 0.0 { 0.0 } else { (squares / of).sqrt() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::condition::Conditioning;
+    use crate::identify::DatasetOptions;
+    use crate::rig::{Channels, Experiment, Plant, record};
+
+    /// Rows of `experiment`, from row `from` on, with the displacement shifted.
+    fn rows(experiment: &Experiment, seed: u64, from: usize, shift_m: f64) -> Dataset {
+        let run = record(experiment, &Plant::default(), &Channels::default(), seed);
+        let mut rows = Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default()).expect("rows");
+        rows.rows.drain(..from);
+        rows.rows[0].dt_s = None;
+        rows.rows.iter_mut().for_each(|row| row.displacement_m += shift_m);
+        rows
+    }
+
+    fn thesis(name: &str) -> Experiment {
+        Experiment::thesis(name).expect("an experiment of the thesis").with_duration_s(20.0)
+    }
+
+    /// Root mean square of the force's difference, N.
+    fn apart_n(run: &Dataset, reference: &Dataset, found: &Aligned) -> f64 {
+        Difference::between(pairs(run, &found.at), reference, |row| row.force_n).apart.sqrt()
+            / Difference::between(pairs(run, &found.at), reference, |row| row.force_n).rows.sqrt()
+    }
+
+    #[test]
+    fn recordings_that_begin_at_different_instants_are_aligned_by_time() {
+        let (run, reference) = (rows(&thesis("RP-ICPS"), 1, 0, 0.0), rows(&thesis("RP-ICPS"), 1, 700, 0.002));
+        let found = align(&run, &reference).expect("one excitation");
+        let Alignment { period_s, lag_s, offset_m, difference, .. } = found.alignment;
+        assert_eq!(period_s, None);
+        assert!((lag_s + 700.0 / 512.0).abs() < 1e-4, "{lag_s} s");
+        assert!((offset_m + 0.002).abs() < 1e-5 && difference < 1e-3, "{offset_m} m, {difference}");
+        assert!(found.at[..600].iter().all(Option::is_none), "the reference begins later");
+        assert!(apart_n(&run, &reference, &found) < 1e-6, "the samples are the same");
+    }
+
+    #[test]
+    fn cyclic_runs_are_aligned_by_crank_angle() {
+        // The reference is a little slower, and begins at another angle.
+        let sine = |frequency_hz| Experiment::sine(0.01, frequency_hz, 1.2, 12.0);
+        let (run, reference) = (rows(&sine(2.0), 1, 0, 0.0), rows(&sine(1.99), 2, 333, 0.002));
+        let found = align(&run, &reference).expect("one excitation");
+        assert!((found.alignment.period_s.expect("cyclic") - 0.5).abs() < 1e-3);
+        assert!(found.alignment.difference < 0.01, "{:?}", found.alignment);
+        // By time they would be apart by a third of a turn at the end.
+        assert!(apart_n(&run, &reference, &found) < 40.0, "{} N", apart_n(&run, &reference, &found));
+    }
+
+    #[test]
+    fn another_motion_or_another_current_is_not_aligned() {
+        let sine = |amplitude_m, current_a| rows(&Experiment::sine(amplitude_m, 2.0, current_a, 6.0), 1, 0, 0.0);
+        let run = sine(0.01, 1.2);
+        assert!(align(&run, &sine(0.01, 1.2)).is_some());
+        assert!(align(&run, &sine(0.012, 1.2)).is_none(), "a larger stroke");
+        assert!(align(&run, &sine(0.01, 1.6)).is_none(), "a larger current");
+        assert!(align(&rows(&thesis("RP-ICPS"), 1, 0, 0.0), &rows(&thesis("RP-APRBS"), 1, 0, 0.0)).is_none());
+    }
+}
