@@ -220,7 +220,10 @@ fn correction_s(run: &Dataset, reference: &Dataset, at: &[Option<Between>]) -> O
 }
 
 /// Rows of the run that count, each with its place in the reference.
-fn pairs<'a>(run: &'a Dataset, at: &'a [Option<Between>]) -> impl Iterator<Item = (&'a Row, Between)> + Clone {
+fn pairs<'a>(
+    run: &'a Dataset,
+    at: &'a [Option<Between>],
+) -> impl Iterator<Item = (&'a Row, Between)> + Clone {
     run.rows.iter().zip(at).filter(|(row, _)| row.counts).filter_map(|(row, at)| Some((row, (*at)?)))
 }
 
@@ -290,7 +293,8 @@ mod tests {
     /// Rows of `experiment`, from row `from` on, with the displacement shifted.
     fn rows(experiment: &Experiment, seed: u64, from: usize, shift_m: f64) -> Dataset {
         let run = record(experiment, &Plant::default(), &Channels::default(), seed);
-        let mut rows = Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default()).expect("rows");
+        let mut rows =
+            Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default()).expect("rows");
         rows.rows.drain(..from);
         rows.rows[0].dt_s = None;
         rows.rows.iter_mut().for_each(|row| row.displacement_m += shift_m);
@@ -333,7 +337,8 @@ mod tests {
 
     #[test]
     fn another_motion_or_another_current_is_not_aligned() {
-        let sine = |amplitude_m, current_a| rows(&Experiment::sine(amplitude_m, 2.0, current_a, 6.0), 1, 0, 0.0);
+        let sine =
+            |amplitude_m, current_a| rows(&Experiment::sine(amplitude_m, 2.0, current_a, 6.0), 1, 0, 0.0);
         let run = sine(0.01, 1.2);
         assert!(align(&run, &sine(0.01, 1.2)).is_some());
         assert!(align(&run, &sine(0.012, 1.2)).is_none(), "a larger stroke");

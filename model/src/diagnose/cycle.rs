@@ -140,7 +140,9 @@ fn crossings(run: &Dataset, middle_m: f64, band_m: f64) -> Vec<f64> {
         if x < -band_m {
             (armed, candidate) = (true, None);
         }
-        if let Some((time_before_s, x_before)) = before.filter(|(_, x_before)| armed && *x_before < 0.0 && x >= 0.0) {
+        if let Some((time_before_s, x_before)) =
+            before.filter(|(_, x_before)| armed && *x_before < 0.0 && x >= 0.0)
+        {
             let share: f64 = x_before / (x_before - x);
             // The last crossing before the band is left upwards counts.
             candidate = Some(time_before_s + share * (time_s - time_before_s));

@@ -75,7 +75,8 @@ pub struct Runs<'a> {
     pub confirm: &'a [Dataset],
     /// Test runs: read once, at the end. May be empty; the result is then not tested on independent data.
     pub test: &'a [Dataset],
-    /// Runs of the healthy damper for paired mode: for each run of `estimate`, `confirm` and `test`, one with the same excitation.
+    /// Runs of the healthy damper for paired mode: for each run of `estimate`, `confirm` and `test`, one with the same excitation. They may
+    /// begin at another instant or crank angle, and have another zero of the displacement.
     pub reference: &'a [Dataset],
     /// Runs of one pattern, for the noise floor.
     pub replicates: &'a [Dataset],
@@ -94,8 +95,8 @@ pub struct Settings {
     pub effects: EffectSet,
     /// Physical ranges of the effects' parameters.
     pub ranges: Ranges,
-    /// Least length of a block, s; `None` for 3 s on training and validation runs, and for a length that follows from the data on test
-    /// runs, which this can only make longer. On 100 trials with coloured noise and no effect, blocks of 3 s named no effect, and blocks of 0.25 s named one in one trial
+    /// Least length of a block, s; `None` for 3 s on training and validation runs (in paired mode on a cyclic motion for one cycle), and for
+    /// a length that follows from the data on test runs, which this can only make longer. On 100 trials with coloured noise and no effect, blocks of 3 s named no effect, and blocks of 0.25 s named one in one trial
     /// of six. Give shorter blocks only if the data are too short for 3 s, and report it.
     pub block_s: Option<f64>,
     /// Largest number of rows in the sums; with more rows only every n-th is used.

@@ -19,7 +19,8 @@
 //! evidence: the pressure of the gas changed, or the zero of the load cell.
 //!
 //! # Temperature
-//! The base is identified on the healthy runs, at their temperature. An effect of temperature acts on the change since then.
+//! The base is identified on the healthy runs, at their temperature. If a run is warmer or colder than its reference, an effect of
+//! temperature acts on the difference. Otherwise it acts on the temperature itself.
 
 use super::Settings;
 use super::alignment::{ALIKE, Aligned, Alignment, Between, align};
@@ -35,6 +36,8 @@ use std::ops::ControlFlow;
 const POINTS: usize = 128;
 /// Least number of cycles from which noise is computed, and of blocks for the interval of a mean force.
 const LEAST: usize = 3;
+/// Least mean difference of the temperatures of a run and its reference for them to count relative to each other, K.
+const LEAST_CONTRAST_K: f64 = 5.0;
 /// Length of the mean of a temperature, s.
 const SLOW_S: f64 = 60.0;
 
@@ -63,7 +66,8 @@ const SLOW_S: f64 = 60.0;
 #[must_use]
 pub fn reference_force_n(run: &Dataset, references: &[Dataset]) -> Option<Vec<Option<f64>>> {
     let (aligned, reference) = matching(run, references)?;
-    let force_n = |at: &Option<Between>| (*at).map(|at| at.of(reference, |row| row.force_n)).filter(|f| f.is_finite());
+    let force_n =
+        |at: &Option<Between>| (*at).map(|at| at.of(reference, |row| row.force_n)).filter(|f| f.is_finite());
     Some(aligned.at.iter().map(force_n).collect())
 }
 
@@ -221,7 +225,9 @@ pub(super) fn noise_n(pairs: &[PairedRun]) -> Option<f64> {
             while after < pair.differences.len() && pair.differences[after].0 < there_s {
                 after += 1;
             }
-            let Some([before, next]) = after.checked_sub(1).and_then(|before| pair.differences.get(before..=after)) else {
+            let Some([before, next]) =
+                after.checked_sub(1).and_then(|before| pair.differences.get(before..=after))
+            else {
                 continue;
             };
             let (Some(here), [Some(low), Some(high)]) = (own(now), [before, next].map(own)) else { continue };
@@ -248,7 +254,10 @@ fn means(pair: &PairedRun, number: impl Fn(f64) -> Option<usize>) -> Vec<(usize,
 }
 
 /// The change of the mean force since the references; `None` without pairs or with too few blocks.
-pub(super) fn mean_shift<'a>(pairs: impl Iterator<Item = &'a PairedRun>, settings: &Settings) -> Option<MeanShift> {
+pub(super) fn mean_shift<'a>(
+    pairs: impl Iterator<Item = &'a PairedRun>,
+    settings: &Settings,
+) -> Option<MeanShift> {
     let block_s = settings.training_block_s();
     let of_pair = |pair: &PairedRun| match pair.cycles {
         Some(cycles) => means(pair, |time_s| cycles.number(time_s)),
@@ -270,7 +279,7 @@ pub(super) fn mean_shift<'a>(pairs: impl Iterator<Item = &'a PairedRun>, setting
     Some(MeanShift { force_n, ci95_n: [force_n - half_n, force_n + half_n], blocks: blocks.len() })
 }
 
-/// `runs` with temperatures relative to those of their references, for effects of temperature; `None` if there is nothing to change.
+/// `runs` with temperatures relative to those of their references, for effects of temperature; `None` if they are about as warm as these.
 ///
 /// The relative temperature is a mean over [`SLOW_S`]: the force follows the fluid, which warms more slowly than the case at its sensor.
 pub(super) fn with_relative_temperature(runs: &[Dataset], references: &[Dataset]) -> Option<Vec<Dataset>> {
@@ -278,22 +287,26 @@ pub(super) fn with_relative_temperature(runs: &[Dataset], references: &[Dataset]
     if references.is_empty() || !runs.iter().chain(references).any(has_temperature) {
         return None;
     }
-    let relative = |run: &Dataset| {
-        let mut run = run.clone();
-        let placed = matching(&run, references);
+    let changes_c = |run: &Dataset| -> Vec<Option<f64>> {
+        let Some((aligned, reference)) = matching(run, references) else { return vec![None; run.rows.len()] };
         let change_c = |(row, at): (&Row, &Option<Between>)| {
-            let healthy_c = (*at)?.of(placed.as_ref()?.1, |row| row.case_temp_c);
-            Some(row.case_temp_c - healthy_c).filter(|change_c| change_c.is_finite())
+            let change_c = row.case_temp_c - (*at)?.of(reference, |row| row.case_temp_c);
+            Some(change_c).filter(|change_c| change_c.is_finite())
         };
-        let changes_c: Vec<Option<f64>> = match &placed {
-            Some((aligned, _)) => run.rows.iter().zip(&aligned.at).map(change_c).collect(),
-            None => vec![None; run.rows.len()],
-        };
-        let slow_c = slow(&times_s(&run).collect::<Vec<_>>(), &changes_c);
+        run.rows.iter().zip(&aligned.at).map(change_c).collect()
+    };
+    let changes_c: Vec<Vec<Option<f64>>> = runs.iter().map(changes_c).collect();
+    let contrast = |changes_c: &Vec<Option<f64>>| {
+        let known: Vec<f64> = changes_c.iter().copied().flatten().collect();
+        (known.iter().sum::<f64>() / known.len().max(1) as f64).abs() >= LEAST_CONTRAST_K
+    };
+    let relative = |(run, changes_c): (&Dataset, &Vec<Option<f64>>)| {
+        let mut run = run.clone();
+        let slow_c = slow(&times_s(&run).collect::<Vec<_>>(), changes_c);
         run.rows.iter_mut().zip(slow_c).for_each(|(row, slow_c)| row.case_temp_c = REFERENCE_TEMP_C + slow_c);
         run
     };
-    Some(runs.iter().map(relative).collect())
+    changes_c.iter().any(contrast).then(|| runs.iter().zip(&changes_c).map(relative).collect())
 }
 
 /// Mean of the known values within half of [`SLOW_S`] of each time; NaN if there is none.

@@ -156,7 +156,8 @@ impl<'a> Procedure<'a> {
         let [estimate, confirm] = [runs.estimate, runs.confirm].map(|own| rows(base, runs, own, settings));
         let (Paired { rows: estimate, pairs }, Paired { rows: confirm, pairs: confirm_pairs }) =
             (estimate?, confirm?);
-        let settings = Settings { block_s: settings.block_s.or_else(|| paired::period_s(&pairs)), ..*settings };
+        let settings =
+            Settings { block_s: settings.block_s.or_else(|| paired::period_s(&pairs)), ..*settings };
         score::check_length(&estimate, &settings)?;
         let mut force_n = estimate.measured_n().to_vec();
         estimate.centre(&mut force_n);
@@ -289,7 +290,7 @@ impl<'a> Procedure<'a> {
 
     fn noise_floor(&self, fitted: &Fitted) -> Result<NoiseFloor, Error> {
         let given = self.settings.noise_floor_n.is_some() || !self.runs.replicates.is_empty();
-        if let Some(rsse_n) = paired::noise_n(&self.pairs).filter(|_| !given && !self.pairs.is_empty()) {
+        if let Some(rsse_n) = paired::noise_n(&self.pairs).filter(|_| !given) {
             let esr = rsse_n * rsse_n * self.estimate.len() as f64 / self.estimate.spread();
             return Ok(NoiseFloor { source: FloorSource::Cycles, rsse_n, esr });
         }
@@ -317,7 +318,9 @@ impl<'a> Procedure<'a> {
         // On a single motion, effects that the runs cannot tell from a named one would share its change.
         let taken = results.named.values().flat_map(|(_, class)| class.iter().copied());
         let settings = match self.mode {
-            DiagnosisMode::Paired => Settings { effects: self.settings.effects.without(taken), ..self.settings },
+            DiagnosisMode::Paired => {
+                Settings { effects: self.settings.effects.without(taken), ..self.settings }
+            }
             DiagnosisMode::Absolute => self.settings,
         };
         let round = Round { base_reducible, settings: &settings, ..self.round(*noise, number) };
@@ -344,7 +347,8 @@ impl<'a> Procedure<'a> {
 
     /// In paired mode, why the effects found are not the change since the references; `None` if they may be.
     fn something_else(&self, pair: &Pair, noise: f64) -> Option<Refusal> {
-        let share = (pair.base.squares - pair.found.squares) / (pair.base.squares - noise).max(f64::MIN_POSITIVE);
+        let share =
+            (pair.base.squares - pair.found.squares) / (pair.base.squares - noise).max(f64::MIN_POSITIVE);
         let found = self.findings(&pair.found.model).next().is_some();
         (self.mode == DiagnosisMode::Paired && found && share < MOST_OF_CHANGE)
             .then_some(Refusal::MostIsSomethingElse { share, needed: MOST_OF_CHANGE })

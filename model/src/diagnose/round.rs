@@ -40,8 +40,7 @@ pub(super) const LEAST_OF_FORCE: f64 = 0.004;
 /// Least share of the base's reducible error that an effect must remove: the base's own misfit around a large effect is of this size. If
 /// less than this remains, no further effect is searched for.
 pub(super) const NEXT_TO_NOTHING: f64 = 0.001;
-/// The same if structures are compared and the effect does not follow time.
-/// Beside a large effect, a base that is not of the damper's structure shows small ones that are not there: on dampers with bristles and
+/// The same if structures are compared and the effect does not follow time, and in paired mode. Beside a large effect, a base that is not of the damper's structure shows small ones that are not there: on dampers with bristles and
 /// a velocity saturation, an inertia of 0.7 to 1.2 %. Of the effects that were there, each removed 1.8 % or more.
 const LEAST_BESIDE: f64 = 0.015;
 /// A validation run counts as worse if its squared error grows by more than this share of itself and by more than [`MATTERS`]. Both
@@ -176,16 +175,22 @@ impl Round<'_> {
             return Ok(Err(Refusal::TooSmall { share, needed: LEAST_SHARE }));
         }
         let (effect, drop) = (candidate.score.effect, current.squares - fitted.squares);
-        let compared = self.force > 0.0;
-        let needed_of_base = if compared && !effect.follows_time() { LEAST_BESIDE } else { NEXT_TO_NOTHING };
+        // In paired mode the change that an effect makes to the base has the base's own errors.
+        let (compared, paired) = (self.force > 0.0, !self.joint.base_moves);
+        let misfits = paired || compared && !effect.follows_time();
+        let needed_of_base = if misfits { LEAST_BESIDE } else { NEXT_TO_NOTHING };
         if drop < needed_of_base * self.base_reducible {
             return Ok(Err(Refusal::WithinMisfit { share, needed_of_base }));
         }
         if let Err(why) = self.beyond_structure(effect, drop) {
             return Ok(Err(why));
         }
-        let change_n: Vec<f64> =
-            fitted.predicted_n.iter().zip(&current.predicted_n).map(|(with, without)| with - without).collect();
+        let change_n: Vec<f64> = fitted
+            .predicted_n
+            .iter()
+            .zip(&current.predicted_n)
+            .map(|(with, without)| with - without)
+            .collect();
         if let Some(Contradiction { residual_j, effect_j }) =
             denies(self.joint.rows, &current.residual_n, &change_n)
         {
@@ -306,7 +311,11 @@ pub(super) fn implausible(effect: &EffectModel, found: &FoundParameter, joint: &
     }
     let [from, to] = found.ci95;
     if parameter.is_shape() && from <= low && to >= high {
-        return Some(Refusal::ShapeNotDetermined { parameter: found.name, ci95: found.ci95, range: found.range });
+        return Some(Refusal::ShapeNotDetermined {
+            parameter: found.name,
+            ci95: found.ci95,
+            range: found.range,
+        });
     }
     let is_there = from > neutral || to < neutral;
     if !parameter.is_shape() && !is_there {

@@ -135,8 +135,8 @@ pub enum DiagnosisError {
     ModelDiverges,
     /// A run of paired mode has no reference run.
     #[error(
-        "run {run}: no reference run has the same excitation (displacement within {:.0} %, from the first sample on); give a healthy run \
-         with the same motion and current for each run, or omit --reference",
+        "run {run}: no reference run has the same excitation (displacement within {:.0} % and current within 10 %, aligned by crank angle or \
+         time); give a healthy run with the same motion and current for each run, or omit --reference",
         100.0 * most
     )]
     NoReference {

@@ -223,7 +223,8 @@ pub(crate) fn check_sign(run: &Dataset) -> Result<(), Error> {
     if correlation > REVERSED || correlation.is_nan() {
         return Ok(());
     }
-    let power_w = pairs.iter().map(|(force_n, velocity_m_s)| force_n * velocity_m_s).sum::<f64>() / pairs.len() as f64;
+    let power_w =
+        pairs.iter().map(|(force_n, velocity_m_s)| force_n * velocity_m_s).sum::<f64>() / pairs.len() as f64;
     Err(IdentifyError::ReversedForce { run: run.name.clone(), correlation, power_w }.into())
 }
 

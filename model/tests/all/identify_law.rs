@@ -55,7 +55,10 @@ fn parameters(law: ForceLaw, share: impl Fn(usize) -> f64) -> Vec<f64> {
 }
 
 fn model(law: ForceLaw, form: Form) -> LawModel {
-    let at = |shift: f64| parameters(law, |j| 0.3 + 0.07 * (j % 4) as f64 + shift);
+    // Choi's law takes up energy in the other half of its range, and a run that gives off energy is refused.
+    let mirrored = law == ForceLaw::Choi;
+    let share = |share: f64| if mirrored { 1.0 - share } else { share };
+    let at = |shift: f64| parameters(law, |j| share(0.3 + 0.07 * (j % 4) as f64 + shift));
     let (low, high) = (at(0.0), at(0.15));
     let (dependence, coefficients) = match form {
         Form::Passive => (Dependence::None, low),

@@ -39,6 +39,7 @@ mod identify_tsk;
 
 // Effects and diagnosis.
 mod diagnosis_cases;
+mod diagnosis_paired;
 mod diagnosis_refusals;
 mod effects;
 

@@ -40,7 +40,8 @@ The sets of runs (whole runs; no file may be used twice):
   --test        test runs: read once, at the end, for the error before and after. Without them no proof
   --replicates  two or more runs of one pattern: their differences are noise; no effect is searched below it
   --reference   healthy runs, one for each run in the order estimate, confirm, test, with the same excitation:
-                only the changes since then are diagnosed, even if the base model fits poorly
+                only the changes since then are diagnosed, even if the base model fits poorly. They are aligned
+                by crank angle or by time
 
 Examples:
   mr-damper close --estimate a.csv b.csv --confirm c.csv --test d.csv --out damper.toml --report close.html
@@ -115,7 +116,7 @@ pub struct RecordedArgs {
     /// Noise floor as a root mean square in newtons, if you know it.
     #[arg(long, group = GROUP, value_name = "N", allow_hyphen_values = true, value_parser = newtons)]
     pub noise_floor: Option<f64>,
-    /// Minimum length of the blocks of the significance tests, s [default: 3]. Blocks shorter than 3 s give more false
+    /// Minimum length of the blocks of the significance tests, s [default: 3; with --reference on a cyclic motion, one cycle]. Blocks shorter than 3 s give more false
     /// positives: use them only if the data are too short for 3 s. On test runs the length follows from the data, and this
     /// option can only make it longer.
     #[arg(long, group = GROUP, value_name = "S")]

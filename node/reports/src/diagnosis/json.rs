@@ -3,8 +3,8 @@
 use super::words;
 use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::{
-    Alignment, Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors, StructureRow,
-    TestResult,
+    Alignment, Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors,
+    StructureRow, TestResult,
 };
 use mr_damper_model::metrics::Fit;
 use serde::Serialize;

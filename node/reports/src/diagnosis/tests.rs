@@ -5,9 +5,9 @@ use crate::tests::assert_balanced;
 use json::DiagnosisReport;
 use mr_damper_model::Error;
 use mr_damper_model::diagnose::{
-    BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult, FloorSource,
-    FoundParameter, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect, RemainingError, RunErrors,
-    StructureFit, StructureRow, TestResult, Verdict,
+    Alignment, BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult,
+    FloorSource, FoundParameter, MeanShift, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect,
+    RemainingError, RunErrors, StructureFit, StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
@@ -106,6 +106,8 @@ pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisRe
             runs: test_runs.iter().map(|run| run_errors(run, 31.0, 5.2)).collect(),
         }),
         structures: structures(),
+        alignments: Vec::new(),
+        mean_shift: None,
         remaining: RemainingError {
             lof: 0.07,
             lof_before: 0.974,
@@ -376,6 +378,39 @@ fn a_report_without_named_effects_is_a_valid_page() {
     );
     outcome.traces = vec![RunTrace::of(&unnamed, &Dataset { rows: Vec::new(), ..data[0].clone() }, &[])];
     assert!(html(&outcome).contains("The runs have no residual to draw."));
+}
+
+#[test]
+fn in_paired_mode_the_text_says_how_runs_were_aligned_and_what_moved_the_mean_force() {
+    let aligned = |period_s| Alignment {
+        run: "runs/worn.csv".to_owned(),
+        reference: "runs/new.csv".to_owned(),
+        period_s,
+        lag_s: -0.0117,
+        offset_m: 0.0019,
+        difference: 0.004,
+    };
+    let paired = DiagnosisResult {
+        mode: DiagnosisMode::Paired,
+        alignments: vec![aligned(Some(0.95)), aligned(None)],
+        mean_shift: Some(MeanShift { force_n: -39.1, ci95_n: [-39.8, -38.4], blocks: 8 }),
+        ..without_names(Verdict::NothingToExplain)
+    };
+    let shown = text(&paired, None).split_whitespace().collect::<Vec<_>>().join(" ");
+    for part in [
+        "worn.csv on new.csv by crank angle (period 0.950 s); the zeros of displacement are 1.90 mm apart, 0.4 % of",
+        "worn.csv on new.csv by time (-0.0117 s);",
+        "Since the reference runs the mean force has changed by -39.10 N (-8.79 lbf) (95 %: -39.8 to -38.4 N)",
+        "the pressure of the gas or the zero of the load cell changed; these runs cannot tell which",
+    ] {
+        assert!(shown.contains(part), "{part}: {shown}");
+    }
+    let json = serde_json::to_value(DiagnosisReport::of(&paired)).expect("JSON");
+    assert_eq!(json["alignments"][0]["by"], "crank_angle");
+    assert_eq!(json["mean_shift"]["causes"], serde_json::json!(["gas_pressure", "load_cell_zero"]));
+    // Within chance there is nothing to say.
+    let chance = MeanShift { force_n: 0.3, ci95_n: [-0.4, 1.0], blocks: 8 };
+    assert!(!text(&DiagnosisResult { mean_shift: Some(chance), ..paired }, None).contains("mean force"));
 }
 
 #[test]

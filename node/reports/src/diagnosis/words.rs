@@ -1,8 +1,8 @@
 //! Sentences about a diagnosis, shared by terminal and report.
 
 use mr_damper_model::diagnose::{
-    Alignment, DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal, RefusedEffect, Stage,
-    StructureRow, TestResult, Verdict,
+    Alignment, DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal,
+    RefusedEffect, Stage, StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::{Effect, EffectModel, Parameter};
 use mr_damper_model::sample::DriveKind;
