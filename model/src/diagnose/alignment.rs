@@ -1,9 +1,9 @@
 //! A reference run placed on a run of the same excitation.
 //!
 //! ```text
-//! cyclic motion   same cycle number and crank angle:   t' = t0' + (t - t0) P'/P + tau      P, P': the periods
-//! other motion    same time:                           t' = t + tau
-//! force           F'(t'), straight between the samples of the reference
+//! cyclic motion   t = t0 + (k + a) P,   t' = t0' + (k mod n' + a) P' + tau       k: cycle, a: crank angle in turns, P: period
+//! other motion    t' = t + tau
+//! force           F'(t'), straight between the samples of the reference          '  of the reference, which has n' cycles
 //! ```
 //!
 //! tau minimises the difference of the displacements, each with its mean removed: the displacement sensors of two sessions have different
@@ -23,7 +23,7 @@ const ALIKE_DRIVE: f64 = 0.1;
 const REACH_S: f64 = 10.0;
 /// Step of that search, s.
 const STEP_S: f64 = 0.04;
-/// Least share of the run that the reference must cover.
+/// Least share of the shorter of the two that must have the other.
 const LEAST_COVER: f64 = 0.5;
 /// Steps of Gauss-Newton that refine tau.
 const REFINEMENTS: usize = 4;
@@ -41,7 +41,7 @@ pub struct Alignment {
     pub period_s: Option<f64>,
     /// Time of the reference minus time of the run at the run's first row, each counted from its own first row, s.
     pub lag_s: f64,
-    /// Mean displacement of the run minus that of the reference, m: the difference of the zeros of their sensors.
+    /// Mean displacement of the run minus mean displacement of the reference, m: the zeros of their sensors differ by this.
     pub offset_m: f64,
     /// Difference between the displacements that is left, root mean square, as a share of the displacement.
     pub difference: f64,
@@ -87,94 +87,95 @@ impl Between {
     }
 }
 
-/// Times of the reference that belong to times of the run: t' = offset + scale t.
+/// The time of the reference for each time of the run, both counted from the first row.
 #[derive(Debug, Clone, Copy)]
 struct Clock {
+    /// The cycles of run and reference, if both motions are cyclic.
+    cycles: Option<[Cycles; 2]>,
     offset_s: f64,
-    scale: f64,
+}
+
+impl Clock {
+    /// `None` outside of the whole cycles of a cyclic motion: before and after them the machine starts and stops.
+    fn there_s(&self, time_s: f64) -> Option<f64> {
+        let Some([ours, theirs]) = &self.cycles else { return Some(time_s + self.offset_s) };
+        let number = ours.number(time_s)?;
+        let turns = ours.turns(time_s) - number as f64 + (number % theirs.count) as f64;
+        Some(theirs.start_s + turns * theirs.period_s + self.offset_s)
+    }
+
+    /// Time of the reference at the first row of the run.
+    fn lag_s(&self) -> f64 {
+        let cyclic = |[ours, theirs]: [Cycles; 2]| theirs.start_s + ours.turns(0.0) * theirs.period_s;
+        self.cycles.map_or(0.0, cyclic) + self.offset_s
+    }
 }
 
 /// Places `reference` on `run`; `None` if they do not have one excitation.
 pub(super) fn align(run: &Dataset, reference: &Dataset) -> Option<Aligned> {
     let times: Vec<f64> = times_s(run).collect();
     let of_reference: Vec<f64> = times_s(reference).collect();
-    let cyclic = Cycles::of(run).zip(Cycles::of(reference));
-    let mut clock = match cyclic {
-        Some((ours, theirs)) => {
-            let scale = theirs.period_s / ours.period_s;
-            Clock { offset_s: theirs.start_s - scale * ours.start_s, scale }
-        }
-        None => Clock { offset_s: coarse_lag_s(run, &times, reference, &of_reference)?, scale: 1.0 },
+    let cycles = Cycles::of(run).zip(Cycles::of(reference)).map(|(ours, theirs)| [ours, theirs]);
+    let offset_s = match cycles {
+        Some(_) => 0.0,
+        None => coarse_lag_s(run, &times, reference, &of_reference)?,
     };
-    // Of a cyclic motion only the whole cycles are compared: before and after them the machine starts and stops.
-    let whole = |clock: Clock| {
-        let mut at = places(&times, &of_reference, reference, clock);
-        if let Some((ours, theirs)) = &cyclic {
-            for (at, time_s) in at.iter_mut().zip(&times) {
-                let both = ours.number(*time_s).and(theirs.number(clock.offset_s + clock.scale * time_s));
-                *at = at.filter(|_| both.is_some());
-            }
-        }
-        at
+    let mut clock = Clock { cycles, offset_s };
+    let places = |clock: Clock| {
+        let place = |time_s: &f64| place(clock.there_s(*time_s)?, &of_reference, reference);
+        times.iter().map(place).collect::<Vec<_>>()
     };
     for _ in 0..REFINEMENTS {
-        clock.offset_s += correction_s(run, reference, &whole(clock))?;
+        clock.offset_s += correction_s(run, reference, &places(clock))?;
     }
-    let at = whole(clock);
+    let at = places(clock);
     let displacement = Difference::between(pairs(run, &at), reference, |row| row.displacement_m);
     let drive_alike = run.drive.is_none()
         || Difference::between(pairs(run, &at), reference, |row| row.drive).of_size() <= ALIKE_DRIVE;
-    let alike = displacement.rows >= LEAST_COVER * run.counted() as f64
-        && displacement.of_spread() <= ALIKE
-        && drive_alike;
+    let shorter = run.counted().min(reference.counted()) as f64;
+    let alike =
+        displacement.rows >= LEAST_COVER * shorter && displacement.of_spread() <= ALIKE && drive_alike;
     alike.then(|| Aligned {
         alignment: Alignment {
             run: run.name.clone(),
             reference: reference.name.clone(),
-            period_s: cyclic.map(|(ours, _)| ours.period_s),
-            lag_s: clock.offset_s,
+            period_s: cycles.map(|[ours, _]| ours.period_s),
+            lag_s: clock.lag_s(),
             offset_m: displacement.mean,
             difference: displacement.of_spread(),
         },
         at,
-        cycles: cyclic.map(|(ours, _)| ours),
+        cycles: cycles.map(|[ours, _]| ours),
     })
 }
 
-/// The rows of `reference` around the time of each row of the run.
-fn places(times: &[f64], of_reference: &[f64], reference: &Dataset, clock: Clock) -> Vec<Option<Between>> {
-    let mut after = 0;
-    let place = |time_s: &f64| {
-        let there_s = clock.offset_s + clock.scale * time_s;
-        while after < of_reference.len() && of_reference[after] < there_s {
-            after += 1;
-        }
-        let (Some(next_s), Some(last)) = (of_reference.get(after), after.checked_sub(1)) else {
-            // At the ends, a sample counts if it is at this time.
-            let step_s = 1.0 / reference.rate_hz.max(1.0);
-            let end = after.min(of_reference.len().checked_sub(1)?);
-            let near = (of_reference[end] - there_s).abs() <= AT_SAMPLE * step_s;
-            return near.then_some(Between { after: end, weight: 1.0 });
-        };
-        let weight = (there_s - of_reference[last]) / (next_s - of_reference[last]);
-        if weight >= 1.0 - AT_SAMPLE {
-            return Some(Between { after, weight: 1.0 });
-        }
-        if weight <= AT_SAMPLE {
-            return Some(Between { after: last, weight: 1.0 });
-        }
-        // Nothing is known within a gap.
-        reference.rows[after].dt_s.is_some().then_some(Between { after, weight })
+/// The rows of `reference`, which are at `of_reference`, around the time `there_s`.
+fn place(there_s: f64, of_reference: &[f64], reference: &Dataset) -> Option<Between> {
+    let after = of_reference.partition_point(|time_s| *time_s < there_s);
+    let (Some(next_s), Some(last)) = (of_reference.get(after), after.checked_sub(1)) else {
+        // At the ends, a sample counts if it is at this time.
+        let step_s = 1.0 / reference.rate_hz.max(1.0);
+        let end = after.min(of_reference.len().checked_sub(1)?);
+        let near = (of_reference[end] - there_s).abs() <= AT_SAMPLE * step_s;
+        return near.then_some(Between { after: end, weight: 1.0 });
     };
-    times.iter().map(place).collect()
+    let weight = (there_s - of_reference[last]) / (next_s - of_reference[last]);
+    if weight >= 1.0 - AT_SAMPLE {
+        return Some(Between { after, weight: 1.0 });
+    }
+    if weight <= AT_SAMPLE {
+        return Some(Between { after: last, weight: 1.0 });
+    }
+    // Nothing is known within a gap.
+    reference.rows[after].dt_s.is_some().then_some(Between { after, weight })
 }
 
 /// Time of the reference minus time of the run, s, at which displacement and drive differ least; `None` if they have no common time.
 fn coarse_lag_s(run: &Dataset, times: &[f64], reference: &Dataset, of_reference: &[f64]) -> Option<f64> {
     let end_s = of_reference.last()?;
     let grid: Vec<f64> = (0..=(end_s / STEP_S) as usize).map(|k| k as f64 * STEP_S).collect();
-    let same = Clock { offset_s: 0.0, scale: 1.0 };
-    let coarse: Vec<Option<Between>> = places(&grid, of_reference, reference, same);
+    let coarse: Vec<Option<Between>> =
+        grid.iter().map(|time_s| place(*time_s, of_reference, reference)).collect();
     // One row of the run in each step, with the number of the step.
     let mut step = i64::MIN;
     let rows: Vec<(i64, usize)> = times
@@ -191,7 +192,7 @@ fn coarse_lag_s(run: &Dataset, times: &[f64], reference: &Dataset, of_reference:
             Some((&run.rows[*k], (*coarse.get(there)?)?))
         });
         let displacement = Difference::between(of_rows.clone(), reference, |row| row.displacement_m);
-        if displacement.rows < LEAST_COVER * rows.len() as f64 {
+        if displacement.rows < LEAST_COVER * rows.len().min(coarse.len()) as f64 {
             return None;
         }
         let drive = match run.drive {
@@ -332,6 +333,16 @@ mod tests {
         assert!((found.alignment.period_s.expect("cyclic") - 0.5).abs() < 1e-3);
         assert!(found.alignment.difference < 0.01, "{:?}", found.alignment);
         // By time they would be apart by a third of a turn at the end.
+        assert!(apart_n(&run, &reference, &found) < 40.0, "{} N", apart_n(&run, &reference, &found));
+    }
+
+    #[test]
+    fn a_reference_with_fewer_cycles_is_used_again() {
+        let sine = |duration_s, seed| rows(&Experiment::sine(0.01, 2.0, 1.2, duration_s), seed, 0, 0.0);
+        let (run, reference) = (sine(20.0, 1), sine(5.0, 2));
+        let found = align(&run, &reference).expect("one excitation");
+        let with_reference = found.at.iter().flatten().count() as f64;
+        assert!(with_reference > 0.9 * run.rows.len() as f64, "{with_reference} of {}", run.rows.len());
         assert!(apart_n(&run, &reference, &found) < 40.0, "{} N", apart_n(&run, &reference, &found));
     }
 

@@ -56,8 +56,8 @@ impl Blocks {
     }
 
     /// Blocks of at least `least_s` for the test of an effect, given the `series` that is left after it is removed. They have at least 5
-    /// correlation times of it, except where the motion is cyclic: there a change of the damper that grows from cycle to cycle would be
-    /// left in the series, and only an effect that grows likewise could be tested.
+    /// correlation times of it, except where the motion is cyclic. There a change of the damper may grow from cycle to cycle. It stays in
+    /// the series unless the effect grows likewise, so no other effect could be tested.
     pub(super) fn of_test(rows: &Rows, series: &[f64], least_s: f64) -> Self {
         match rows.runs().iter().all(|run| run.cycles.is_some()) {
             true => Self::new(rows, least_s),

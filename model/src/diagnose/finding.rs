@@ -302,7 +302,7 @@ pub struct DiagnosisResult {
 }
 
 impl DiagnosisResult {
-    /// What may have changed the mean force since the references; empty if it is not proved that it changed. A gas that pushes the rod out
+    /// Possible causes of the change of the mean force since the references; empty if no change is proved. A gas that pushes the rod out
     /// with more force is also a stiffer spring: if such a spring was named, only the gas is left.
     #[must_use]
     pub fn causes_of_mean_shift(&self) -> &'static [&'static str] {

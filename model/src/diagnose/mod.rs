@@ -95,9 +95,10 @@ pub struct Settings {
     pub effects: EffectSet,
     /// Physical ranges of the effects' parameters.
     pub ranges: Ranges,
-    /// Least length of a block, s; `None` for 3 s on training and validation runs (in paired mode on a cyclic motion for one cycle), and for
-    /// a length that follows from the data on test runs, which this can only make longer. On 100 trials with coloured noise and no effect, blocks of 3 s named no effect, and blocks of 0.25 s named one in one trial
-    /// of six. Give shorter blocks only if the data are too short for 3 s, and report it.
+    /// Least length of a block, s. `None` stands for 3 s on training and validation runs; in paired mode on a cyclic motion, for one cycle.
+    /// On test runs the length follows from the data, and this can only make it longer. On 100 trials with coloured noise and no effect,
+    /// blocks of 3 s named no effect, and blocks of 0.25 s named one in one trial of six. Give shorter blocks only if the data are too short
+    /// for 3 s, and report it.
     pub block_s: Option<f64>,
     /// Largest number of rows in the sums; with more rows only every n-th is used.
     pub most_rows: usize,

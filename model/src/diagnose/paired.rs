@@ -76,7 +76,7 @@ fn matching<'a>(run: &Dataset, references: &'a [Dataset]) -> Option<(Aligned, &'
     references.iter().find_map(|reference| Some((align(run, reference)?, reference)))
 }
 
-/// The mean force of the runs minus that of their references.
+/// The mean force of the runs minus the mean force of their references.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeanShift {
     /// Mean over all training and validation runs, N.
@@ -182,7 +182,7 @@ fn point(cycles: &Cycles, time_s: f64) -> usize {
     (cycles.turns(time_s).rem_euclid(1.0) * POINTS as f64) as usize % POINTS
 }
 
-/// Simulated force of `model` at all rows, N; NaN where it has none.
+/// Simulated force of `model` at all rows, N; NaN where it is not known.
 fn simulated_n(model: &Augmented, dataset: &Dataset) -> Vec<f64> {
     let mut force_n = Vec::with_capacity(dataset.rows.len());
     // The closure never breaks.
@@ -279,7 +279,7 @@ pub(super) fn mean_shift<'a>(
     Some(MeanShift { force_n, ci95_n: [force_n - half_n, force_n + half_n], blocks: blocks.len() })
 }
 
-/// `runs` with temperatures relative to those of their references, for effects of temperature; `None` if they are about as warm as these.
+/// `runs` with temperatures relative to their references, for effects of temperature; `None` if runs and references are about as warm.
 ///
 /// The relative temperature is a mean over [`SLOW_S`]: the force follows the fluid, which warms more slowly than the case at its sensor.
 pub(super) fn with_relative_temperature(runs: &[Dataset], references: &[Dataset]) -> Option<Vec<Dataset>> {
