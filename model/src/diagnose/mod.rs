@@ -75,11 +75,19 @@ pub struct Runs<'a> {
     pub confirm: &'a [Dataset],
     /// Test runs: read once, at the end. May be empty; the result is then not tested on independent data.
     pub test: &'a [Dataset],
-    /// Runs of the healthy damper for paired mode: for each run of `estimate`, `confirm` and `test`, one with the same excitation. They may
-    /// begin at another instant or crank angle, and have another zero of the displacement.
+    /// Runs of the healthy damper for paired mode: for each run of `estimate`, `confirm` and `test`, in this order, one with the same
+    /// excitation. They may begin at another instant or crank angle, and have another zero of the displacement.
     pub reference: &'a [Dataset],
     /// Runs of one pattern, for the noise floor.
     pub replicates: &'a [Dataset],
+}
+
+impl<'a> Runs<'a> {
+    /// Training, validation and test runs, each with the number of its first reference.
+    const fn with_first_reference(&self) -> [(&'a [Dataset], usize); 3] {
+        let (confirm, test) = (self.estimate.len(), self.estimate.len() + self.confirm.len());
+        [(self.estimate, 0), (self.confirm, confirm), (self.test, test)]
+    }
 }
 
 /// Settings of a diagnosis.
@@ -199,11 +207,10 @@ pub fn close(
     watch: &Watch,
     stage: &dyn Fn(Stage),
 ) -> Result<DiagnosisResult, Error> {
-    let relative = [runs.estimate, runs.confirm, runs.test]
-        .map(|own| paired::with_relative_temperature(own, runs.reference));
-    let [estimate, confirm, test] = [runs.estimate, runs.confirm, runs.test];
-    let [estimate, confirm, test] = [(estimate, &relative[0]), (confirm, &relative[1]), (test, &relative[2])]
-        .map(|(own, relative)| relative.as_deref().unwrap_or(own));
+    let own = runs.with_first_reference();
+    let relative = own.map(|(own, first)| paired::with_relative_temperature(own, (runs.reference, first)));
+    let [estimate, confirm, test] =
+        std::array::from_fn(|role| relative[role].as_deref().unwrap_or(own[role].0));
     let runs = Runs { estimate, confirm, test, ..*runs };
     procedure::Procedure::new(base, &runs, settings, watch)?.run(stage)
 }

@@ -65,15 +65,16 @@ const SLOW_S: f64 = 60.0;
 /// ```
 #[must_use]
 pub fn reference_force_n(run: &Dataset, references: &[Dataset]) -> Option<Vec<Option<f64>>> {
-    let (aligned, reference) = matching(run, references)?;
+    let (aligned, reference) = matching(run, references, 0)?;
     let force_n =
         |at: &Option<Between>| (*at).map(|at| at.of(reference, |row| row.force_n)).filter(|f| f.is_finite());
     Some(aligned.at.iter().map(force_n).collect())
 }
 
-/// The first of `references` with the excitation of `run`, placed on it.
-fn matching<'a>(run: &Dataset, references: &'a [Dataset]) -> Option<(Aligned, &'a Dataset)> {
-    references.iter().find_map(|reference| Some((align(run, reference)?, reference)))
+/// A reference with the excitation of `run`, placed on it: number `own` if it has that, otherwise the first.
+fn matching<'a>(run: &Dataset, references: &'a [Dataset], own: usize) -> Option<(Aligned, &'a Dataset)> {
+    let own_first = references.get(own).into_iter().chain(references);
+    own_first.into_iter().find_map(|reference| Some((align(run, reference)?, reference)))
 }
 
 /// The mean force of the runs minus the mean force of their references.
@@ -110,19 +111,20 @@ pub(super) struct Paired<'a> {
     pub(super) pairs: Vec<PairedRun>,
 }
 
-/// The rows of `datasets` with the force to explain of paired mode. Each run's reference is the first that has its excitation.
+/// The rows of `datasets` with the force to explain of paired mode. The reference of the first run is number `first`, of the next one the
+/// next, and so on, unless it has another excitation; then it is the first that has the run's.
 ///
 /// # Errors
 /// [`DiagnosisError::BaseDivergesPaired`]; [`DiagnosisError::NoReference`].
 pub(super) fn rows<'a>(
     datasets: &'a [Dataset],
-    references: &[Dataset],
+    (references, first): (&[Dataset], usize),
     base: &Augmented,
     most: usize,
 ) -> Result<Paired<'a>, Error> {
-    let placed = datasets.iter().map(|run| {
+    let placed = datasets.iter().zip(first..).map(|(run, own)| {
         let missing = || DiagnosisError::NoReference { run: run.name.clone(), most: ALIKE };
-        Ok(matching(run, references).ok_or_else(missing)?)
+        Ok(matching(run, references, own).ok_or_else(missing)?)
     });
     let placed = placed.collect::<Result<Vec<_>, Error>>()?;
     let healthy_n = |run: usize, k: usize| {
@@ -282,20 +284,25 @@ pub(super) fn mean_shift<'a>(
 /// `runs` with temperatures relative to their references, for effects of temperature; `None` if runs and references are about as warm.
 ///
 /// The relative temperature is a mean over [`SLOW_S`]: the force follows the fluid, which warms more slowly than the case at its sensor.
-pub(super) fn with_relative_temperature(runs: &[Dataset], references: &[Dataset]) -> Option<Vec<Dataset>> {
+pub(super) fn with_relative_temperature(
+    runs: &[Dataset],
+    (references, first): (&[Dataset], usize),
+) -> Option<Vec<Dataset>> {
     let has_temperature = |run: &Dataset| run.rows.iter().any(|row| row.case_temp_c.is_finite());
     if references.is_empty() || !runs.iter().chain(references).any(has_temperature) {
         return None;
     }
-    let changes_c = |run: &Dataset| -> Vec<Option<f64>> {
-        let Some((aligned, reference)) = matching(run, references) else { return vec![None; run.rows.len()] };
+    let changes_c = |(run, own): (&Dataset, usize)| -> Vec<Option<f64>> {
+        let Some((aligned, reference)) = matching(run, references, own) else {
+            return vec![None; run.rows.len()];
+        };
         let change_c = |(row, at): (&Row, &Option<Between>)| {
             let change_c = row.case_temp_c - (*at)?.of(reference, |row| row.case_temp_c);
             Some(change_c).filter(|change_c| change_c.is_finite())
         };
         run.rows.iter().zip(&aligned.at).map(change_c).collect()
     };
-    let changes_c: Vec<Vec<Option<f64>>> = runs.iter().map(changes_c).collect();
+    let changes_c: Vec<Vec<Option<f64>>> = runs.iter().zip(first..).map(changes_c).collect();
     let contrast = |changes_c: &Vec<Option<f64>>| {
         let known: Vec<f64> = changes_c.iter().copied().flatten().collect();
         (known.iter().sum::<f64>() / known.len().max(1) as f64).abs() >= LEAST_CONTRAST_K

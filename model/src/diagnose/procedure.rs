@@ -134,13 +134,13 @@ impl Pair {
 fn rows<'a>(
     base: &Model,
     runs: &Runs,
-    datasets: &'a [Dataset],
+    (datasets, first): (&'a [Dataset], usize),
     settings: &Settings,
 ) -> Result<Paired<'a>, Error> {
     if runs.reference.is_empty() {
         return Ok(Paired { rows: Rows::new(datasets, settings.most_rows), pairs: Vec::new() });
     }
-    paired::rows(datasets, runs.reference, &base.augmented(), settings.most_rows)
+    paired::rows(datasets, (runs.reference, first), &base.augmented(), settings.most_rows)
 }
 
 impl<'a> Procedure<'a> {
@@ -153,7 +153,8 @@ impl<'a> Procedure<'a> {
     ) -> Result<Self, Error> {
         check::check(base, runs, settings)?;
         let mode = if runs.reference.is_empty() { DiagnosisMode::Absolute } else { DiagnosisMode::Paired };
-        let [estimate, confirm] = [runs.estimate, runs.confirm].map(|own| rows(base, runs, own, settings));
+        let [own, others, _] = runs.with_first_reference();
+        let [estimate, confirm] = [own, others].map(|own| rows(base, runs, own, settings));
         let (Paired { rows: estimate, pairs }, Paired { rows: confirm, pairs: confirm_pairs }) =
             (estimate?, confirm?);
         let settings =
@@ -551,7 +552,7 @@ impl<'a> Procedure<'a> {
     ) -> Result<DiagnosisResult, Error> {
         let effects = self.named(pair, noise, &mut results)?;
         let Paired { rows: test_rows, pairs: test_pairs } =
-            rows(self.base, self.runs, self.runs.test, &self.settings)?;
+            rows(self.base, self.runs, self.runs.with_first_reference()[2], &self.settings)?;
         let [before, after] = test_runs::both(&test_rows, &pair.base.model, &pair.found.model)?;
         let test = test_runs::read(&test_rows, &before, &after, noise_floor.rsse_n, &self.settings);
         let remaining = self.remaining_error(pair, noise_floor.rsse_n);
