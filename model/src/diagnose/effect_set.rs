@@ -56,6 +56,11 @@ impl EffectSet {
         (others.count() > 0).then_some(Self { included })
     }
 
+    /// True if a form of the effect with this id may be named.
+    pub(super) fn has_id(&self, id: &str) -> bool {
+        Effect::ALL.iter().any(|effect| effect.id() == id && self.has(*effect))
+    }
+
     /// True if `effect` may be named.
     #[must_use]
     pub fn has(&self, effect: Effect) -> bool {

@@ -28,6 +28,12 @@ struct Work {
     margin_j: f64,
 }
 
+impl Work {
+    fn is_neutral(&self) -> bool {
+        self.mean_j.abs() <= NEUTRAL * self.moved_j
+    }
+}
+
 /// Energy of the residual and of an effect, J per cycle, that contradict each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Contradiction {
@@ -35,12 +41,17 @@ pub(super) struct Contradiction {
     pub(super) effect_j: f64,
 }
 
+/// True if an effect that changes the simulated force by `change_n` takes up no energy on a cyclic motion, as a spring or a mass does.
+pub(super) fn is_neutral(rows: &Rows, change_n: &[f64]) -> bool {
+    work(rows, change_n).is_some_and(|work| work.is_neutral())
+}
+
 /// The energies of an effect that changes the simulated force by `change_n`, and of the residual before it was added, if the residual
 /// denies the effect. `None` also if the motion of a run is not cyclic.
 pub(super) fn denies(rows: &Rows, residual_n: &[f64], change_n: &[f64]) -> Option<Contradiction> {
     let (residual, effect) = (work(rows, residual_n)?, work(rows, change_n)?);
     let (found, there) = (effect.mean_j, residual.mean_j);
-    if found.abs() <= NEUTRAL * effect.moved_j {
+    if effect.is_neutral() {
         return None;
     }
     let other_way = found * there < 0.0 && found.abs() > residual.margin_j;

@@ -207,10 +207,13 @@ pub fn close(
     watch: &Watch,
     stage: &dyn Fn(Stage),
 ) -> Result<DiagnosisResult, Error> {
-    let own = runs.with_first_reference();
-    let relative = own.map(|(own, first)| paired::with_relative_temperature(own, (runs.reference, first)));
+    if runs.reference.is_empty() {
+        return procedure::Procedure::new(base, runs, settings, watch)?.run(stage);
+    }
     let [estimate, confirm, test] =
-        std::array::from_fn(|role| relative[role].as_deref().unwrap_or(own[role].0));
-    let runs = Runs { estimate, confirm, test, ..*runs };
-    procedure::Procedure::new(base, &runs, settings, watch)?.run(stage)
+        runs.with_first_reference().map(|(own, first)| paired::on_scales_of((runs.reference, first), own));
+    let runs = Runs { estimate: &estimate.runs, confirm: &confirm.runs, test: &test.runs, ..*runs };
+    let found = procedure::Procedure::new(base, &runs, settings, watch)?.run(stage)?;
+    let alignments = [estimate.alignments, confirm.alignments, test.alignments].concat();
+    Ok(DiagnosisResult { alignments, ..found })
 }

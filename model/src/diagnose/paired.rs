@@ -98,7 +98,6 @@ impl MeanShift {
 
 /// A run with its reference.
 pub(super) struct PairedRun {
-    pub(super) alignment: Alignment,
     cycles: Option<Cycles>,
     /// Time since the run's first row, s, and d, N, at each selected row.
     differences: Vec<(f64, f64)>,
@@ -145,7 +144,7 @@ pub(super) fn rows<'a>(
             differences.push((time_s, difference_n));
             force_n.push(predicted_n[at] + difference_n - by_motion.at(time_s));
         }
-        pairs.push(PairedRun { alignment: aligned.alignment.clone(), cycles: aligned.cycles, differences });
+        pairs.push(PairedRun { cycles: aligned.cycles, differences });
     }
     let cycles = pairs.iter().map(|pair| pair.cycles);
     Ok(Paired { rows: rows.with_force(force_n).with_cycles(cycles), pairs })
@@ -281,39 +280,46 @@ pub(super) fn mean_shift<'a>(
     Some(MeanShift { force_n, ci95_n: [force_n - half_n, force_n + half_n], blocks: blocks.len() })
 }
 
-/// `runs` with temperatures relative to their references, for effects of temperature; `None` if runs and references are about as warm.
+/// Runs on the scales of their references, and how each was placed.
+pub(super) struct OnScales {
+    pub(super) runs: Vec<Dataset>,
+    pub(super) alignments: Vec<Alignment>,
+}
+
+/// `runs` on the scales of their references: with the zero of their displacement, and with temperatures relative to theirs unless runs and
+/// references are about as warm. A run without a reference is not changed.
 ///
 /// The relative temperature is a mean over [`SLOW_S`]: the force follows the fluid, which warms more slowly than the case at its sensor.
-pub(super) fn with_relative_temperature(
-    runs: &[Dataset],
-    (references, first): (&[Dataset], usize),
-) -> Option<Vec<Dataset>> {
-    let has_temperature = |run: &Dataset| run.rows.iter().any(|row| row.case_temp_c.is_finite());
-    if references.is_empty() || !runs.iter().chain(references).any(has_temperature) {
-        return None;
-    }
-    let changes_c = |(run, own): (&Dataset, usize)| -> Vec<Option<f64>> {
+pub(super) fn on_scales_of((references, first): (&[Dataset], usize), runs: &[Dataset]) -> OnScales {
+    let (mut changed, mut alignments) = (runs.to_vec(), Vec::with_capacity(runs.len()));
+    let mut warmer_k: Vec<Vec<Option<f64>>> = Vec::with_capacity(runs.len());
+    for (run, own) in changed.iter_mut().zip(first..) {
         let Some((aligned, reference)) = matching(run, references, own) else {
-            return vec![None; run.rows.len()];
+            warmer_k.push(vec![None; run.rows.len()]);
+            continue;
         };
-        let change_c = |(row, at): (&Row, &Option<Between>)| {
-            let change_c = row.case_temp_c - (*at)?.of(reference, |row| row.case_temp_c);
-            Some(change_c).filter(|change_c| change_c.is_finite())
+        let warmer = |(row, at): (&Row, &Option<Between>)| {
+            let warmer_k = row.case_temp_c - (*at)?.of(reference, |row| row.case_temp_c);
+            Some(warmer_k).filter(|warmer_k| warmer_k.is_finite())
         };
-        run.rows.iter().zip(&aligned.at).map(change_c).collect()
-    };
-    let changes_c: Vec<Vec<Option<f64>>> = runs.iter().zip(first..).map(changes_c).collect();
-    let contrast = |changes_c: &Vec<Option<f64>>| {
-        let known: Vec<f64> = changes_c.iter().copied().flatten().collect();
+        warmer_k.push(run.rows.iter().zip(&aligned.at).map(warmer).collect());
+        run.rows.iter_mut().for_each(|row| row.displacement_m -= aligned.alignment.offset_m);
+        alignments.push(aligned.alignment);
+    }
+    let contrast = |warmer_k: &Vec<Option<f64>>| {
+        let known: Vec<f64> = warmer_k.iter().copied().flatten().collect();
         (known.iter().sum::<f64>() / known.len().max(1) as f64).abs() >= LEAST_CONTRAST_K
     };
-    let relative = |(run, changes_c): (&Dataset, &Vec<Option<f64>>)| {
-        let mut run = run.clone();
-        let slow_c = slow(&times_s(&run).collect::<Vec<_>>(), changes_c);
-        run.rows.iter_mut().zip(slow_c).for_each(|(row, slow_c)| row.case_temp_c = REFERENCE_TEMP_C + slow_c);
-        run
-    };
-    changes_c.iter().any(contrast).then(|| runs.iter().zip(&changes_c).map(relative).collect())
+    if warmer_k.iter().any(contrast) {
+        for (run, warmer_k) in changed.iter_mut().zip(&warmer_k) {
+            let slow_k = slow(&times_s(run).collect::<Vec<_>>(), warmer_k);
+            run.rows
+                .iter_mut()
+                .zip(slow_k)
+                .for_each(|(row, slow_k)| row.case_temp_c = REFERENCE_TEMP_C + slow_k);
+        }
+    }
+    OnScales { runs: changed, alignments }
 }
 
 /// Mean of the known values within half of [`SLOW_S`] of each time; NaN if there is none.

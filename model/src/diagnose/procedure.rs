@@ -551,8 +551,7 @@ impl<'a> Procedure<'a> {
         mut results: RoundResults,
     ) -> Result<DiagnosisResult, Error> {
         let effects = self.named(pair, noise, &mut results)?;
-        let Paired { rows: test_rows, pairs: test_pairs } =
-            rows(self.base, self.runs, self.runs.with_first_reference()[2], &self.settings)?;
+        let test_rows = rows(self.base, self.runs, self.runs.with_first_reference()[2], &self.settings)?.rows;
         let [before, after] = test_runs::both(&test_rows, &pair.base.model, &pair.found.model)?;
         let test = test_runs::read(&test_rows, &before, &after, noise_floor.rsse_n, &self.settings);
         let remaining = self.remaining_error(pair, noise_floor.rsse_n);
@@ -578,7 +577,7 @@ impl<'a> Procedure<'a> {
             test,
             remaining,
             structures: Vec::new(),
-            alignments: self.both_pairs().chain(&test_pairs).map(|pair| pair.alignment.clone()).collect(),
+            alignments: Vec::new(),
             mean_shift: paired::mean_shift(self.both_pairs(), &self.settings),
         })
     }

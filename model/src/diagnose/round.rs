@@ -4,7 +4,7 @@
 //! every check is named; each one rejected before it is listed with the reason.
 
 use super::Settings;
-use super::energy::{Contradiction, denies};
+use super::energy::{Contradiction, denies, is_neutral};
 use super::finding::{Candidate, FoundParameter, RefusedEffect};
 use super::interval::{Contents, Intervals};
 use super::joint::{Fitted, Joint};
@@ -40,9 +40,15 @@ pub(super) const LEAST_OF_FORCE: f64 = 0.004;
 /// Least share of the base's reducible error that an effect must remove: the base's own misfit around a large effect is of this size. If
 /// less than this remains, no further effect is searched for.
 pub(super) const NEXT_TO_NOTHING: f64 = 0.001;
-/// The same if structures are compared and the effect does not follow time, and in paired mode. Beside a large effect, a base that is not of the damper's structure shows small ones that are not there: on dampers with bristles and
+/// The same if structures are compared and the effect does not follow time. Beside a large effect, a base that is not of the damper's structure shows small ones that are not there: on dampers with bristles and
 /// a velocity saturation, an inertia of 0.7 to 1.2 %. Of the effects that were there, each removed 1.8 % or more.
 const LEAST_BESIDE: f64 = 0.015;
+/// The same in paired mode, where the change that an effect makes to the base has the base's own errors. Beside a dead zone, a spring in
+/// series and a delay removed 4 to 6 % that were not there; the warm gas of a real damper removes 7 % beside the fading of the force.
+const LEAST_BESIDE_IN_PAIRS: f64 = 0.05;
+/// Effects that change the phase of the force. On one motion they look alike: a spring, a mass and a delay add a force in quadrature.
+const OF_PHASE: [&str; 6] =
+    ["gas_spring", "end_stop", "inertia", "force_lag", "sensor_delay", "anti_alias_mismatch"];
 /// A validation run counts as worse if its squared error grows by more than this share of itself and by more than [`MATTERS`]. Both
 /// are needed because a refit of the base changes the small error of runs in which the effect plays no part, up or down.
 const WORSE: f64 = 0.05;
@@ -126,6 +132,11 @@ impl Round<'_> {
             refits.push(Refitted { score: &scores[k], p_adjusted: adjusted[k], fitted, drop });
         }
         refits.sort_by(|a, b| b.drop.total_cmp(&a.drop));
+        if let Some(most) = refits.first().map(|best| best.drop).filter(|_| !self.joint.base_moves) {
+            // On one motion the form of an effect shows little: of those that remove about as much, the one with the fewest parameters.
+            let alike = refits.partition_point(|refitted| refitted.drop >= SAME_CLASS * most);
+            refits[..alike].sort_by_key(|refitted| refitted.score.effect.parameters().len());
+        }
         let (mut refused, mut passed) = (Vec::new(), None);
         for (rank, best) in refits.iter().enumerate() {
             match self.validate(current, best)? {
@@ -139,6 +150,13 @@ impl Round<'_> {
                         if !class.contains(&silent.effect.id()) {
                             class.push(silent.effect.id());
                         }
+                    }
+                    if OF_PHASE.contains(&class[0])
+                        && is_neutral(self.joint.rows, &change_n(current, &fitted))
+                    {
+                        let others = OF_PHASE.into_iter().filter(|id| self.settings.effects.has_id(id));
+                        let new: Vec<&str> = others.filter(|id| !class.contains(id)).collect();
+                        class.extend(new);
                     }
                     let (effect, p_adjusted) = (best.score.effect, best.p_adjusted);
                     let others = &refits[rank + 1..];
@@ -175,22 +193,18 @@ impl Round<'_> {
             return Ok(Err(Refusal::TooSmall { share, needed: LEAST_SHARE }));
         }
         let (effect, drop) = (candidate.score.effect, current.squares - fitted.squares);
-        // In paired mode the change that an effect makes to the base has the base's own errors.
-        let (compared, paired) = (self.force > 0.0, !self.joint.base_moves);
-        let misfits = paired || compared && !effect.follows_time();
-        let needed_of_base = if misfits { LEAST_BESIDE } else { NEXT_TO_NOTHING };
+        let needed_of_base = match self.force > 0.0 && !effect.follows_time() {
+            _ if !self.joint.base_moves => LEAST_BESIDE_IN_PAIRS,
+            true => LEAST_BESIDE,
+            false => NEXT_TO_NOTHING,
+        };
         if drop < needed_of_base * self.base_reducible {
             return Ok(Err(Refusal::WithinMisfit { share, needed_of_base }));
         }
         if let Err(why) = self.beyond_structure(effect, drop) {
             return Ok(Err(why));
         }
-        let change_n: Vec<f64> = fitted
-            .predicted_n
-            .iter()
-            .zip(&current.predicted_n)
-            .map(|(with, without)| with - without)
-            .collect();
+        let change_n = change_n(current, &fitted);
         if let Some(Contradiction { residual_j, effect_j }) =
             denies(self.joint.rows, &current.residual_n, &change_n)
         {
@@ -293,6 +307,11 @@ impl Round<'_> {
     ) -> Result<Intervals<'b>, Error> {
         Intervals::new(&self.joint, fitted, self.settings.training_block_s(), contents)
     }
+}
+
+/// Change of the simulated force from `current` to `fitted`, N.
+fn change_n(current: &Fitted, fitted: &Fitted) -> Vec<f64> {
+    fitted.predicted_n.iter().zip(&current.predicted_n).map(|(with, without)| with - without).collect()
 }
 
 /// Why the value found for a parameter is not plausible; `None` if it is.

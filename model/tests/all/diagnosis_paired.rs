@@ -122,3 +122,47 @@ fn a_reference_of_another_motion_or_current_is_refused() -> Result<(), Error> {
     assert!(matches!(refused, Err(Error::Diagnosis(DiagnosisError::NoReference { .. }))), "{refused:?}");
     Ok(())
 }
+
+/// On one motion, a spring, a mass and a delay look alike, and the base, which is of another structure than the damper, has no phase of its
+/// own. What is named must be the effect or have it in its class.
+#[test]
+fn what_is_named_on_one_motion_is_there() -> Result<(), Error> {
+    let found = |id: &str, size: f64, seed: u64| -> Result<DiagnosisResult, Error> {
+        let (mut plant, mut channels) = (Plant::plain(), Channels::default());
+        if size != 0.0 {
+            inject(id, size, &mut plant, &mut channels)?;
+        }
+        let options = Options { restarts: 3, seed, ..Options::default() };
+        let own = |k: u64| 100 * seed + k;
+        let reference = [1, 2].map(|k| rows(&Plant::plain(), &Channels::default(), own(k), 0, 0.0));
+        let base = identify_datasets(ModelSpec::FUZZY_TANH, &reference[..1], &options, &Watch::none())?.model;
+        let from = 6 + 31 * seed as usize;
+        let [estimate, confirm] = [3, 4].map(|k| [rows(&plant, &channels, own(k), from, 0.0019)]);
+        let runs = Runs { estimate: &estimate, confirm: &confirm, reference: &reference, ..Runs::default() };
+        close(&base, &runs, &Settings::default(), &Watch::none(), &|_| {})
+    };
+    for seed in 0..12 {
+        let found = found("friction", 0.0, seed)?;
+        assert_eq!(names(&found), Vec::<&str>::new(), "seed {seed}: {found:?}");
+    }
+    let sizes = [
+        ("friction", 20.0, true),
+        ("asymmetry", 0.15, true),
+        ("gas_spring", 500.0, true),
+        ("deadzone", 3e-4, true),
+        ("position_dependence", 5.0, true),
+        ("velocity_saturation", 3000.0, true),
+        ("force_lag", 0.003, true),
+        ("sensor_delay", 0.003, true),
+        ("series_spring", 4e-7, true),
+        ("inertia", 2.5, false),
+        ("thermal_fade", -0.004, false),
+    ];
+    for (id, size, is_named) in sizes {
+        let found = found(id, size, 0)?;
+        let truth = if id == "series_spring" { "force_lag" } else { id };
+        assert!(found.effects.iter().all(|named| named.class.contains(&truth)), "{id}: {:?}", found.effects);
+        assert_eq!(!found.effects.is_empty(), is_named, "{id}: {found:?}");
+    }
+    Ok(())
+}
