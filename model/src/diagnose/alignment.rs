@@ -10,7 +10,8 @@
 //! zeros, and recordings begin at different instants. An error of 10 ms would be a change of phase, which looks like friction. Of a motion
 //! that is not cyclic, tau is first searched in steps over 10 s.
 //!
-//! The runs have one excitation if the displacements differ by at most 5 % then, and the drives by at most 10 %, root mean square.
+//! The runs have one excitation if the displacements differ by at most 5 % then, and the drives by at most 10 %, root mean square. The
+//! periods of cyclic motions may differ by 2 %.
 
 use super::cycle::{Cycles, times_s};
 use crate::identify::{Dataset, Row};
@@ -19,6 +20,9 @@ use crate::identify::{Dataset, Row};
 pub(super) const ALIKE: f64 = 0.05;
 /// The same for the drives.
 const ALIKE_DRIVE: f64 = 0.1;
+/// Largest relative difference between the periods of two cyclic motions. A machine that runs faster makes the same displacement at each
+/// crank angle, but another velocity.
+const SAME_PERIOD: f64 = 0.02;
 /// Largest difference in time that is searched, s.
 const REACH_S: f64 = 10.0;
 /// Step of that search, s.
@@ -117,6 +121,7 @@ pub(super) fn align(run: &Dataset, reference: &Dataset) -> Option<Aligned> {
     let of_reference: Vec<f64> = times_s(reference).collect();
     let cycles = Cycles::of(run).zip(Cycles::of(reference)).map(|(ours, theirs)| [ours, theirs]);
     let offset_s = match cycles {
+        Some([ours, theirs]) if (theirs.period_s / ours.period_s - 1.0).abs() > SAME_PERIOD => return None,
         Some(_) => 0.0,
         None => coarse_lag_s(run, &times, reference, &of_reference)?,
     };
@@ -354,6 +359,8 @@ mod tests {
         assert!(align(&run, &sine(0.01, 1.2)).is_some());
         assert!(align(&run, &sine(0.012, 1.2)).is_none(), "a larger stroke");
         assert!(align(&run, &sine(0.01, 1.6)).is_none(), "a larger current");
+        let faster = rows(&Experiment::sine(0.01, 3.0, 1.2, 6.0), 1, 0, 0.0);
+        assert!(align(&run, &faster).is_none(), "the same at each crank angle, but faster");
         assert!(align(&rows(&thesis("RP-ICPS"), 1, 0, 0.0), &rows(&thesis("RP-APRBS"), 1, 0, 0.0)).is_none());
     }
 }

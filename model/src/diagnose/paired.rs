@@ -18,8 +18,9 @@
 //! The mean of a residual is removed everywhere else, because sessions differ in their force offset. Between a run and its reference it is
 //! evidence: the pressure of the gas changed, or the zero of the load cell.
 //!
-//! # Temperature
-//! The base is identified on the healthy runs, at their temperature. If a run is warmer or colder than its reference, an effect of
+//! # Zero of the displacement, and temperature
+//! A run gets the zero of its reference, which is the base's: some effects depend on position. The base is identified on the healthy runs, at
+//! their temperature. If a run is warmer or colder than its reference, an effect of
 //! temperature acts on the difference. Otherwise it acts on the temperature itself.
 
 use super::Settings;

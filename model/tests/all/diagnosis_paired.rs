@@ -124,7 +124,7 @@ fn a_reference_of_another_motion_or_current_is_refused() -> Result<(), Error> {
 }
 
 /// On one motion, a spring, a mass and a delay look alike, and the base, which is of another structure than the damper, has no phase of its
-/// own. What is named must be the effect or have it in its class.
+/// own. A named effect must be the true one, or have it in its class.
 #[test]
 fn what_is_named_on_one_motion_is_there() -> Result<(), Error> {
     let found = |id: &str, size: f64, seed: u64| -> Result<DiagnosisResult, Error> {
