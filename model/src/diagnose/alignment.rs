@@ -72,21 +72,21 @@ pub(super) struct Between {
 impl Between {
     /// The value of a channel of `run` there; not finite if it is not known.
     pub(super) fn of(self, run: &Dataset, channel: impl Fn(&Row) -> f64) -> f64 {
-        let after = channel(&run.rows[self.after]);
-        if self.weight == 1.0 {
-            return after;
-        }
-        let before = channel(&run.rows[self.after - 1]);
-        before + self.weight * (after - before)
+        self.interpolated(|k| channel(&run.rows[k]))
     }
 
     /// The value of a series with one value for each row.
     pub(super) fn of_series(self, series: &[f64]) -> f64 {
-        let after = series[self.after];
+        self.interpolated(|k| series[k])
+    }
+
+    /// Between the values of two rows, given by their indices.
+    fn interpolated(self, value: impl Fn(usize) -> f64) -> f64 {
+        let after = value(self.after);
         if self.weight == 1.0 {
             return after;
         }
-        let before = series[self.after - 1];
+        let before = value(self.after - 1);
         before + self.weight * (after - before)
     }
 }
@@ -313,8 +313,8 @@ mod tests {
 
     /// Root mean square of the force's difference, N.
     fn apart_n(run: &Dataset, reference: &Dataset, found: &Aligned) -> f64 {
-        Difference::between(pairs(run, &found.at), reference, |row| row.force_n).apart.sqrt()
-            / Difference::between(pairs(run, &found.at), reference, |row| row.force_n).rows.sqrt()
+        let force = Difference::between(pairs(run, &found.at), reference, |row| row.force_n);
+        (force.apart / force.rows).sqrt()
     }
 
     #[test]

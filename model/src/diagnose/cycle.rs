@@ -72,30 +72,53 @@ impl Cycles {
         (turns >= 0.0 && turns < self.count as f64).then_some(turns as usize)
     }
 
-    /// `values` at `times_s` without their mean cycle.
-    pub(super) fn without_mean_cycle(&self, times_s: &[f64], values: &[f64]) -> Vec<f64> {
-        let point = |time_s: f64| (self.turns(time_s).rem_euclid(1.0) * POINTS as f64) as usize % POINTS;
-        let (mut sums, mut counts) = ([0.0; POINTS], [0.0_f64; POINTS]);
-        for (time_s, value) in times_s.iter().zip(values) {
-            sums[point(*time_s)] += value;
-            counts[point(*time_s)] += 1.0;
+    /// The mean cycle of a series of times and values, at `POINTS` points.
+    pub(super) fn mean<const POINTS: usize>(
+        self,
+        series: impl Iterator<Item = (f64, f64)>,
+    ) -> MeanCycle<POINTS> {
+        let mut mean = MeanCycle { cycles: self, values: [0.0; POINTS] };
+        let mut counts = [0.0_f64; POINTS];
+        for (time_s, value) in series {
+            let point = mean.point(time_s);
+            mean.values[point] += value;
+            counts[point] += 1.0;
         }
-        let own = |(time_s, value): (&f64, &f64)| value - sums[point(*time_s)] / counts[point(*time_s)];
-        times_s.iter().zip(values).map(own).collect()
+        mean.values.iter_mut().zip(counts).for_each(|(sum, count)| *sum /= count.max(1.0));
+        mean
     }
 
     /// True if a channel is the same in all cycles.
     fn repeats(&self, run: &Dataset, channel: fn(&Row) -> f64) -> bool {
-        let (inside_s, values): (Vec<f64>, Vec<f64>) = times_s(run)
+        let inside: Vec<(f64, f64)> = times_s(run)
             .zip(run.rows.iter().map(channel))
             .filter(|(time_s, value)| self.number(*time_s).is_some() && value.is_finite())
-            .unzip();
-        let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-        let apart: f64 = self.without_mean_cycle(&inside_s, &values).iter().map(|e| e * e).sum();
-        let spread: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-        let size: f64 = values.iter().map(|value| value * value).sum();
+            .collect();
+        let values = || inside.iter().map(|(_, value)| value);
+        let mean = values().sum::<f64>() / inside.len().max(1) as f64;
+        let cycle: MeanCycle<POINTS> = self.mean(inside.iter().copied());
+        let apart: f64 = inside.iter().map(|(time_s, value)| (value - cycle.at(*time_s)).powi(2)).sum();
+        let spread: f64 = values().map(|value| (value - mean).powi(2)).sum();
+        let size: f64 = values().map(|value| value * value).sum();
         // A constant channel has no spread; its noise is small beside its size.
-        !values.is_empty() && (apart <= ALIKE * ALIKE * spread || apart <= (0.2 * ALIKE).powi(2) * size)
+        !inside.is_empty() && (apart <= ALIKE * ALIKE * spread || apart <= (0.2 * ALIKE).powi(2) * size)
+    }
+}
+
+/// A series as a function of the crank angle: its mean over the cycles.
+pub(super) struct MeanCycle<const POINTS: usize> {
+    cycles: Cycles,
+    values: [f64; POINTS],
+}
+
+impl<const POINTS: usize> MeanCycle<POINTS> {
+    /// The value at the angle of `time_s`; zero where the series had no value.
+    pub(super) fn at(&self, time_s: f64) -> f64 {
+        self.values[self.point(time_s)]
+    }
+
+    fn point(&self, time_s: f64) -> usize {
+        (self.cycles.turns(time_s).rem_euclid(1.0) * POINTS as f64) as usize % POINTS
     }
 }
 

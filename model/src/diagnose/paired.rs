@@ -25,7 +25,7 @@
 
 use super::Settings;
 use super::alignment::{ALIKE, Aligned, Alignment, Between, align};
-use super::cycle::{Cycles, times_s};
+use super::cycle::{Cycles, MeanCycle, times_s};
 use super::rows::Rows;
 use crate::effect::{Augmented, REFERENCE_TEMP_C};
 use crate::error::{DiagnosisError, Error};
@@ -138,12 +138,13 @@ pub(super) fn rows<'a>(
     let mut force_n = Vec::with_capacity(rows.len());
     let mut pairs = Vec::with_capacity(placed.len());
     for (number, (run, (aligned, reference))) in rows.runs().iter().zip(&placed).enumerate() {
-        let by_motion = ByMotion::of(base, run.dataset, reference, aligned);
+        let by_motion = by_motion(base, run.dataset, reference, aligned);
         let mut differences = Vec::with_capacity(run.indices.len());
         for ((&k, at), time_s) in run.indices.iter().zip(run.range.clone()).zip(run.times_s()) {
             let difference_n = run.dataset.rows[k].force_n - healthy_n(number, k).unwrap_or(f64::NAN);
             differences.push((time_s, difference_n));
-            force_n.push(predicted_n[at] + difference_n - by_motion.at(time_s));
+            let by_motion_n = by_motion.as_ref().map_or(0.0, |mean| mean.at(time_s));
+            force_n.push(predicted_n[at] + difference_n - by_motion_n);
         }
         pairs.push(PairedRun { cycles: aligned.cycles, differences });
     }
@@ -151,37 +152,22 @@ pub(super) fn rows<'a>(
     Ok(Paired { rows: rows.with_force(force_n).with_cycles(cycles), pairs })
 }
 
-/// The force of the difference between two motions: c in the module's equation.
-struct ByMotion {
-    cycles: Option<Cycles>,
-    force_n: [f64; POINTS],
-}
-
-impl ByMotion {
-    fn of(base: &Augmented, run: &Dataset, reference: &Dataset, aligned: &Aligned) -> Self {
-        let (mut sums, mut counts) = ([0.0; POINTS], [0.0_f64; POINTS]);
-        let Some(cycles) = aligned.cycles else { return Self { cycles: None, force_n: sums } };
-        let [ours, theirs] = [run, reference].map(|dataset| simulated_n(base, dataset));
-        for ((time_s, at), (row, force_n)) in times_s(run).zip(&aligned.at).zip(run.rows.iter().zip(&ours)) {
-            let Some(at) = at.filter(|_| row.counts && cycles.number(time_s).is_some()) else { continue };
-            let apart_n = force_n - at.of_series(&theirs);
-            if apart_n.is_finite() {
-                sums[point(&cycles, time_s)] += apart_n;
-                counts[point(&cycles, time_s)] += 1.0;
-            }
-        }
-        sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum /= count.max(1.0));
-        Self { cycles: Some(cycles), force_n: sums }
-    }
-
-    fn at(&self, time_s: f64) -> f64 {
-        self.cycles.map_or(0.0, |cycles| self.force_n[point(&cycles, time_s)])
-    }
-}
-
-/// The point of the mean cycle at `time_s`.
-fn point(cycles: &Cycles, time_s: f64) -> usize {
-    (cycles.turns(time_s).rem_euclid(1.0) * POINTS as f64) as usize % POINTS
+/// The force of the difference between two motions, c in the module's equation; `None` if the motion is not cyclic.
+fn by_motion(
+    base: &Augmented,
+    run: &Dataset,
+    reference: &Dataset,
+    aligned: &Aligned,
+) -> Option<MeanCycle<POINTS>> {
+    let cycles = aligned.cycles?;
+    let [ours, theirs] = [run, reference].map(|dataset| simulated_n(base, dataset));
+    let apart_n = times_s(run).zip(&aligned.at).zip(run.rows.iter().zip(&ours)).filter_map(
+        |((time_s, at), (row, force_n))| {
+            let at = at.filter(|_| row.counts && cycles.number(time_s).is_some())?;
+            Some((time_s, force_n - at.of_series(&theirs)))
+        },
+    );
+    Some(cycles.mean(apart_n.filter(|(_, apart_n)| apart_n.is_finite())))
 }
 
 /// Simulated force of `model` at all rows, N; NaN where it is not known.
@@ -219,7 +205,8 @@ pub(super) fn noise_n(pairs: &[PairedRun]) -> Option<f64> {
         }
         let own = |(time_s, difference_n): &(f64, f64)| {
             let number = cycles.number(*time_s)?;
-            Some(difference_n - means.iter().find(|(of, _)| *of == number)?.1)
+            let at = means.binary_search_by_key(&number, |(of, _)| *of).ok()?;
+            Some(difference_n - means[at].1)
         };
         let mut after = 0;
         for now in &pair.differences {
