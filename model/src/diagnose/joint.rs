@@ -1,19 +1,20 @@
 //! Joint fit of a base and its effects to measured force, in simulation (free run).
 //!
 //! ```text
-//! minimise  sum r^2,   r = M(p) - F, each run's mean removed;     dr/dp by finite differences of the whole simulator
+//! minimise  sum r^2,   r = M(p) - F, each run's mean removed;     dr/dp from [`super::derivatives`]
 //! ```
 //!
 //! The solver is Levenberg-Marquardt, started at the current coefficients: the base was identified from many starts already, and an
 //! effect changes its coefficients only a little. The exception are tanh functions that the fit without the effect had flattened;
 //! they get a second start ([`Space::upright`]).
 //!
-//! One full set of derivatives costs as many simulations as there are numbers. Between full sets, derivatives are therefore updated
-//! by the error of the last step (Broyden, C. G. (1965), Math. Comp. 19, 577). The first fit of an effect starts with the derivatives
+//! One full set of derivatives takes the time of several simulations. Between full sets, derivatives are therefore updated by the error of
+//! the last step (Broyden, C. G. (1965), Math. Comp. 19, 577). The first fit of an effect starts with the derivatives
 //! that its score was computed with.
 //!
 //! Source: `[broyden1965]` and `[levenberg-marquardt]` in the bibliography (node/docs/guide/bibliography.md).
 
+use super::derivatives::columns;
 use super::ranges::Ranges;
 use super::rows::{Rows, dot};
 use super::space::Space;
@@ -29,7 +30,7 @@ use std::sync::{Mutex, PoisonError};
 const CONVERGED: f64 = 1e-5;
 
 /// Broyden updates between two full sets of derivatives.
-const UPDATES: usize = 3;
+const UPDATES: usize = 6;
 
 /// A model with its residual on some rows.
 #[derive(Debug, Clone)]
@@ -114,53 +115,9 @@ impl Joint<'_> {
     pub(super) fn jacobian(&self, fitted: &Fitted) -> Result<(Vec<Vec<f64>>, usize), Error> {
         let space = Space::new(&fitted.model, self.scales, self.ranges, self.base_moves)?;
         let all = vec![true; space.values().len()];
-        let columns = self
-            .columns(&space, &space.values(), &fitted.predicted_n, &all, Nearby::new())
+        let columns = columns(self, &space, &space.values(), &fitted.predicted_n, &all, Nearby::new())
             .ok_or(Error::Cancelled)?;
         Ok((columns, space.of_base()))
-    }
-
-    /// The derivatives at `at`, where the simulated force is `predicted_n`. If the simulation is not finite after a step in a number, the
-    /// derivative by it is zeros. Derivatives in `known` are used as they are. Numbers that are not in `wanted` have an empty one.
-    /// `None` if the work was cancelled.
-    fn columns(
-        &self,
-        space: &Space,
-        at: &[f64],
-        predicted_n: &[f64],
-        wanted: &[bool],
-        mut known: Nearby,
-    ) -> Option<Vec<Vec<f64>>> {
-        let steps = space.steps(at);
-        known.resize(steps.len(), None);
-        let column = |((j, step), known): ((usize, &f64), Option<Vec<f64>>)| {
-            if !wanted[j] {
-                return Some(Vec::new());
-            }
-            if known.is_some() {
-                return known;
-            }
-            if self.watch.is_cancelled() {
-                return None;
-            }
-            let mut moved = at.to_vec();
-            moved[j] += step;
-            // The step as it was rounded, not as it was requested.
-            let step = moved[j] - at[j];
-            let there = space.model(&moved).and_then(|model| self.rows.predict(&model));
-            Some(there.map_or_else(
-                || vec![0.0; predicted_n.len()],
-                |mut there| {
-                    there
-                        .iter_mut()
-                        .zip(predicted_n)
-                        .for_each(|(there, here)| *there = (*there - here) / step);
-                    self.rows.centre(&mut there);
-                    there
-                },
-            ))
-        };
-        steps.par_iter().enumerate().zip(known).map(column).collect()
     }
 }
 
@@ -198,7 +155,7 @@ impl Simulated<'_, '_> {
         let Some(mut best) = best.filter(|best| best.updates < UPDATES) else {
             // A poisoned lock is harmless: no thread panics while it holds the lock.
             let nearby = std::mem::take(&mut *self.nearby.lock().unwrap_or_else(PoisonError::into_inner));
-            let all = self.joint.columns(self.space, parameters, &fitted.predicted_n, &self.free, nearby)?;
+            let all = columns(self.joint, self.space, parameters, &fitted.predicted_n, &self.free, nearby)?;
             return Some((all, 0));
         };
         // The numbers have different units; each is scaled by the step of its derivative.

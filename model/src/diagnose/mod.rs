@@ -31,6 +31,7 @@ mod check;
 mod correlation;
 mod cycle;
 mod derivative_span;
+mod derivatives;
 mod effect_set;
 mod energy;
 mod finding;

@@ -5,7 +5,9 @@
 //! each run's mean is removed: sessions differ in their force offset, and no effect in the library is an offset.
 
 use super::cycle::Cycles;
-use crate::effect::{Augmented, Need};
+use crate::condition::{ApplyTo, LowPassState};
+use crate::effect::{Augmented, AugmentedOnJets, JetState, Need};
+use crate::force::jet::Jet;
 use crate::identify::{Dataset, walk};
 pub(super) use crate::statistics::dot;
 use rayon::prelude::*;
@@ -81,6 +83,44 @@ impl RunRows<'_> {
             ControlFlow::Continue(())
         });
         (finite && predicted.len() == indices.len()).then_some(predicted)
+    }
+
+    /// Derivatives of the simulated force of `model` at the selected rows, for each direction; `None` if the force is not finite on one of
+    /// them. As in [`walk`], with a new state for each segment.
+    fn derivatives<const N: usize>(&self, model: &AugmentedOnJets<N>) -> Option<Vec<[f64; N]>> {
+        let Dataset { conditioning, rows, .. } = self.dataset;
+        let filter = (conditioning.apply_to == ApplyTo::Output).then(|| conditioning.low_pass());
+        let (mut state, mut output) = (JetState::default(), None);
+        let mut found = Vec::with_capacity(self.indices.len());
+        for (index, row) in rows.iter().enumerate() {
+            if row.dt_s.is_none() {
+                (state, output) = (JetState::default(), None);
+            }
+            let driven = !model.needs_drive() || row.drive.is_finite();
+            let force = if driven { model.free_run(&mut state, &row.inputs()) } else { None };
+            let force = force.filter(|jet| jet.re.is_finite());
+            let by = force.map(|Jet { by, .. }| match &filter {
+                Some(filter) => {
+                    let fresh = output.is_none();
+                    let states = output.get_or_insert_with(|| [LowPassState::default(); N]);
+                    let dt_s = row.dt_s.filter(|_| !fresh);
+                    let mut filtered = by;
+                    filtered
+                        .iter_mut()
+                        .zip(states)
+                        .for_each(|(by, state)| *by = filter.step(state, dt_s, *by));
+                    filtered
+                }
+                None => by,
+            });
+            if self.indices.get(found.len()) == Some(&index) {
+                found.push(by?);
+            }
+            if found.len() == self.indices.len() {
+                break;
+            }
+        }
+        (found.len() == self.indices.len()).then_some(found)
     }
 }
 
@@ -178,9 +218,31 @@ impl<'a> Rows<'a> {
         self.concatenated(|run| run.predict_changed(model, change))
     }
 
+    /// Derivatives of the simulated force of `model` over all runs, each run's mean removed, one series for each of the first `count`
+    /// directions. Zeros where they are not finite.
+    pub(super) fn derivatives<const N: usize>(
+        &self,
+        model: &AugmentedOnJets<N>,
+        count: usize,
+    ) -> Vec<Vec<f64>> {
+        let found = self.concatenated(|run| run.derivatives(model)).unwrap_or_default();
+        let series = |direction: usize| {
+            let mut series: Vec<f64> = found.iter().map(|by| by[direction]).collect();
+            if series.len() != self.len() || !series.iter().all(|value| value.is_finite()) {
+                return vec![0.0; self.len()];
+            }
+            self.centre(&mut series);
+            series
+        };
+        (0..count).map(series).collect()
+    }
+
     /// The series that `of_run` gives, run by run; `None` if it gives none for one run.
-    fn concatenated(&self, of_run: impl Fn(&RunRows) -> Option<Vec<f64>> + Sync + Send) -> Option<Vec<f64>> {
-        let parts: Vec<Option<Vec<f64>>> = self.runs.par_iter().map(of_run).collect();
+    fn concatenated<T: Send>(
+        &self,
+        of_run: impl Fn(&RunRows) -> Option<Vec<T>> + Sync + Send,
+    ) -> Option<Vec<T>> {
+        let parts: Vec<Option<Vec<T>>> = self.runs.par_iter().map(of_run).collect();
         let mut all = Vec::with_capacity(self.len());
         for part in parts {
             all.extend(part?);

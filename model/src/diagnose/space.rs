@@ -4,8 +4,7 @@
 //! p = (coefficients of the base, parameters of the first effect, of the second, ...)
 //! ```
 //!
-//! In paired mode the base's coefficients are not included. Derivatives are finite differences of the whole simulator. They work for
-//! every base and every effect, through filters and internal states, and cost one simulation for each number.
+//! In paired mode the base's coefficients are not included.
 
 use super::ranges::Ranges;
 use crate::effect::{Augmented, EffectModel, Effects};
@@ -75,6 +74,11 @@ impl Space {
     /// Number of values that belong to the base.
     pub(super) fn of_base(&self) -> usize {
         self.coefficients.len()
+    }
+
+    /// Number of coefficients of the base that do not belong to the space.
+    pub(super) fn fixed(&self) -> usize {
+        if self.coefficients.is_empty() { self.base.coefficients().map_or(0, |all| all.len()) } else { 0 }
     }
 
     /// Bounds of each number: for a coefficient the bounds of its search, for an effect's parameter its physical range extended to

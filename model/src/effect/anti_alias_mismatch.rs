@@ -11,7 +11,7 @@
 //! Each pole is exact for an input that is linear between samples. The state starts at rest at the first force.
 
 use super::{Definition, EffectState, Inside, Inversion, Lag, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 pub(super) struct AntiAliasMismatch;
 
@@ -33,12 +33,12 @@ impl Definition for AntiAliasMismatch {
     };
 
     #[inline]
-    fn step(
-        [delay_s, ..]: Values,
-        state: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [delay_s, ..]: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let (force_n, since_s) = state.force_inside(inputs, inside)?;
         match since_s {
             None => {
@@ -46,7 +46,7 @@ impl Definition for AntiAliasMismatch {
                 Some(force_n)
             }
             Some(step_s) => {
-                let by = state.coefficients[0].of(0.5 * delay_s, step_s);
+                let by = state.coefficients[0].of(delay_s * 0.5, step_s);
                 let first_n = state.lags[0].step(by, force_n);
                 Some(state.lags[1].step(by, first_n))
             }

@@ -12,7 +12,7 @@
 
 use super::parts::{scaled, smooth_sign};
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 pub(super) struct Asymmetry;
 
@@ -34,13 +34,13 @@ impl Definition for Asymmetry {
     };
 
     #[inline]
-    fn step(
-        [asymmetry, ..]: Values,
-        _: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [asymmetry, ..]: Values<R>,
+        _: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let force_n = inside.run(inputs)?;
-        Some(scaled(force_n, inside.offset_n(), 1.0 + asymmetry * smooth_sign(inputs.velocity_m_s)))
+        Some(scaled(force_n, inside.offset_n(), asymmetry * smooth_sign(inputs.velocity_m_s) + 1.0))
     }
 }

@@ -20,7 +20,7 @@ use super::{
     Definition, Effect, EffectState, Inside, Inversion, Layer, Need, Parameter, Properties, Refinement, Unit,
     Values,
 };
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 const TAU_S: [f64; 2] = [1e-3, 40e-3];
 const PROBE_S: f64 = 1e-3;
@@ -46,12 +46,12 @@ impl Definition for CoilLag {
     };
 
     #[inline]
-    fn step(
-        [tau_s, ..]: Values,
-        state: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [tau_s, ..]: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         step([tau_s; 2], state, inputs, inside)
     }
 }
@@ -74,19 +74,19 @@ impl Definition for CoilLagRiseFall {
     };
 
     #[inline]
-    fn step(values: Values, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
+    fn step<R: Number>(values: Values<R>, state: &mut EffectState<R>, inputs: &Inputs<R>, inside: &mut Inside<R>) -> Option<R> {
         step(values, state, inputs, inside)
     }
 }
 
 /// One sample with the time constants of rise and fall.
 #[inline]
-fn step(
-    [rise_s, fall_s]: [f64; 2],
-    state: &mut EffectState,
-    inputs: &Inputs,
-    inside: &mut Inside,
-) -> Option<f64> {
+fn step<R: Number>(
+    [rise_s, fall_s]: Values<R>,
+    state: &mut EffectState<R>,
+    inputs: &Inputs<R>,
+    inside: &mut Inside<R>,
+) -> Option<R> {
     let Some(since_s) = state.drive(inputs) else { return inside.run(inputs) };
     let lag = &mut state.lags[0];
     let drive = match since_s {
@@ -95,7 +95,7 @@ fn step(
             inputs.drive
         }
         Some(step_s) => {
-            let grows = inputs.drive.abs() >= lag.output.abs();
+            let grows = inputs.drive.abs().re() >= lag.output.abs().re();
             let (which, tau_s) = if grows { (0, rise_s) } else { (1, fall_s) };
             lag.step(state.coefficients[which].of(tau_s, step_s), inputs.drive)
         }

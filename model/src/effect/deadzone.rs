@@ -25,7 +25,7 @@
 
 use super::parts::{play, scaled};
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 pub(super) struct Deadzone;
 
@@ -47,27 +47,27 @@ impl Definition for Deadzone {
     };
 
     #[inline]
-    fn step(
-        [gap_m, ..]: Values,
-        state: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [gap_m, ..]: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-        if !(x.is_finite() && v.is_finite()) {
+        if !(x.re().is_finite() && v.re().is_finite()) {
             state.elapsed.miss(inputs.dt_s);
             inside.run(inputs);
             return None;
         }
-        let half_m = 0.5 * gap_m;
+        let half_m = gap_m * 0.5;
         let (y, share) = match state.elapsed.hit(inputs.dt_s) {
-            None => (if v == 0.0 { x } else { x - half_m * v.signum() }, 1.0),
+            None => (if v.re() == 0.0 { x } else { x - half_m * v.re().signum() }, R::from(1.0)),
             Some(_) => {
                 let [x_before, y_before, share] = state.held;
                 let (y, step_m) = (play(y_before, x, half_m), x - x_before);
-                let beyond_m = (x - y_before) * step_m.signum() - half_m;
+                let beyond_m = (x - y_before) * step_m.re().signum() - half_m;
                 let share =
-                    if step_m == 0.0 { share } else { (0.5 + beyond_m / step_m.abs()).clamp(0.0, 1.0) };
+                    if step_m.re() == 0.0 { share } else { (beyond_m / step_m.abs() + 0.5).clamp(0.0, 1.0) };
                 (y, share)
             }
         };

@@ -2,11 +2,11 @@
 
 use super::run::{EffectState, Inside};
 use super::{Effect, MAX_EFFECT_PARAMETERS};
-use crate::force::Inputs;
 use crate::force::law::Scale;
+use crate::force::{Inputs, Number};
 
 /// Values of an effect's parameters, in the order of [`Properties::parameters`]; zeros beyond.
-pub(super) type Values = [f64; MAX_EFFECT_PARAMETERS];
+pub(super) type Values<R = f64> = [R; MAX_EFFECT_PARAMETERS];
 
 /// An effect in one form. Nothing here has a default, so an effect without one of these does not compile.
 pub(super) trait Definition {
@@ -15,7 +15,12 @@ pub(super) trait Definition {
 
     /// One sample: steps the model inside with the inputs that the effect gives it, and returns the force with the effect. `None` if the
     /// model has no force.
-    fn step(values: Values, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64>;
+    fn step<R: Number>(
+        values: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R>;
 }
 
 /// The properties of an effect in one form.

@@ -11,8 +11,8 @@
 //! | x | input | m | displacement, positive in extension |
 
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
 use crate::force::law::Scale;
+use crate::force::{Inputs, Number};
 
 pub(super) struct EndStop;
 
@@ -43,15 +43,16 @@ impl Definition for EndStop {
     };
 
     #[inline]
-    fn step(
-        [stiffness_n_m, clearance_m, ..]: Values,
-        _: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [stiffness_n_m, clearance_m, ..]: Values<R>,
+        _: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let x = inputs.displacement_m;
         // Not `f64::max`, which would turn NaN into zero.
-        let beyond_m = if x.abs() <= clearance_m { 0.0 } else { (x.abs() - clearance_m).copysign(x) };
-        Some(inside.run(inputs)? + stiffness_n_m * beyond_m)
+        let beyond_m = if x.abs().re() <= clearance_m.re() { R::from(0.0) } else { x.abs() - clearance_m };
+        let pushed_m = if x.re() < 0.0 { -beyond_m } else { beyond_m };
+        Some(inside.run(inputs)? + stiffness_n_m * pushed_m)
     }
 }

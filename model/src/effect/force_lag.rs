@@ -12,7 +12,7 @@
 //! with the damping and thus with the current: see the other form, [`super::Effect::SeriesSpring`].
 
 use super::{Definition, EffectState, Inside, Inversion, Lag, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 pub(super) struct ForceLag;
 
@@ -34,12 +34,12 @@ impl Definition for ForceLag {
     };
 
     #[inline]
-    fn step(
-        [tau_s, ..]: Values,
-        state: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [tau_s, ..]: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let (force_n, since_s) = state.force_inside(inputs, inside)?;
         let lag = &mut state.lags[0];
         match since_s {

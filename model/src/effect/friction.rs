@@ -18,7 +18,7 @@ use super::{
     Values,
 };
 use crate::force::law::Scale;
-use crate::force::{Inputs, tanh};
+use crate::force::{Inputs, Number};
 
 const FRICTION: Parameter = Parameter::absolute("friction_n", Unit::NEWTON, [0.0, 200.0], 2.0);
 
@@ -46,12 +46,12 @@ impl Definition for Friction {
     };
 
     #[inline]
-    fn step(
-        [friction_n, ..]: Values,
-        _: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [friction_n, ..]: Values<R>,
+        _: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         Some(inside.run(inputs)? + friction_n * smooth_sign(inputs.velocity_m_s))
     }
 }
@@ -79,12 +79,12 @@ impl Definition for FrictionOwnScale {
     };
 
     #[inline]
-    fn step(
-        [friction_n, sign_velocity_m_s]: Values,
-        _: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
-        Some(inside.run(inputs)? + friction_n * tanh(inputs.velocity_m_s / sign_velocity_m_s))
+    fn step<R: Number>(
+        [friction_n, sign_velocity_m_s]: Values<R>,
+        _: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
+        Some(inside.run(inputs)? + friction_n * (inputs.velocity_m_s / sign_velocity_m_s).tanh())
     }
 }

@@ -12,7 +12,7 @@
 //! The force of the gas at rest is part of the session's force offset.
 
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 pub(super) struct GasSpring;
 
@@ -34,12 +34,12 @@ impl Definition for GasSpring {
     };
 
     #[inline]
-    fn step(
-        [stiffness_n_m, ..]: Values,
-        _: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [stiffness_n_m, ..]: Values<R>,
+        _: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         Some(inside.run(inputs)? + stiffness_n_m * inputs.displacement_m)
     }
 }

@@ -12,7 +12,7 @@
 //! The first sample has no acceleration yet, so it has a force only if the mass is zero.
 
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 pub(super) struct Inertia;
 
@@ -34,9 +34,9 @@ impl Definition for Inertia {
     };
 
     #[inline]
-    fn step([mass_kg, ..]: Values, _: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
+    fn step<R: Number>([mass_kg, ..]: Values<R>, _: &mut EffectState<R>, inputs: &Inputs<R>, inside: &mut Inside<R>) -> Option<R> {
         let force_n = inside.run(inputs)?;
         // Without a mass no acceleration is needed.
-        if mass_kg == 0.0 { Some(force_n) } else { Some(force_n + mass_kg * inputs.acceleration_m_s2) }
+        if mass_kg.is_zero() { Some(force_n) } else { Some(force_n + mass_kg * inputs.acceleration_m_s2) }
     }
 }

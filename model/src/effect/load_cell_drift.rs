@@ -12,8 +12,8 @@
 //! Time starts at the first sample, and again after a gap, because the length of a gap is not known here.
 
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
 use crate::force::law::Scale;
+use crate::force::{Inputs, Number};
 
 /// Fastest drift, 1/s: two per cent of the largest force a minute.
 const MOST_1_S: f64 = 0.02 / 60.0;
@@ -44,14 +44,14 @@ impl Definition for LoadCellDrift {
     };
 
     #[inline]
-    fn step(
-        [rate_n_s, ..]: Values,
-        state: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [rate_n_s, ..]: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         // Time also advances at samples without a force.
-        state.held[0] = state.elapsed.hit(inputs.dt_s).map_or(0.0, |since_s| state.held[0] + since_s);
+        state.held[0] = state.elapsed.hit(inputs.dt_s).map_or(R::from(0.0), |since_s| state.held[0] + since_s);
         let time_s = state.held[0];
         Some(inside.run(inputs)? + rate_n_s * time_s)
     }

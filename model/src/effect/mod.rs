@@ -53,7 +53,7 @@
 //!
 //! ```ignore
 //! use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-//! use crate::force::Inputs;
+//! use crate::force::{Inputs, Number};
 //!
 //! pub(super) struct Cavitation;
 //!
@@ -75,7 +75,12 @@
 //!     };
 //!
 //!     #[inline]
-//!     fn step([suction_n, ..]: Values, _: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
+//!     fn step<R: Number>(
+//!         [suction_n, ..]: Values<R>,
+//!         _: &mut EffectState<R>,
+//!         inputs: &Inputs<R>,
+//!         inside: &mut Inside<R>,
+//!     ) -> Option<R> {
 //!         let force_n = inside.run(inputs)?;      // with changed inputs, if the effect acts on them
 //!         Some(force_n.max(-suction_n))
 //!     }
@@ -88,7 +93,8 @@
 //!    diagnosis finds it.
 //!
 //! State goes into `state`: two first-order lags, three numbers and a delay line; `state.force_inside` and `state.drive` give the time
-//! since the last valid sample. Model file, pipeline, diagnosis, inverse controller, reports and the tests for all effects then include it.
+//! since the last valid sample. The step is written for any number type `R`, so that a diagnosis has its derivatives: a comparison uses the
+//! values ([`crate::force::jet`]). Model file, pipeline, diagnosis, inverse controller, reports and the tests for all effects then include it.
 
 mod definition;
 mod parts;
@@ -96,11 +102,12 @@ mod run;
 
 pub use definition::{Need, Parameter, Unit};
 pub use run::{Augmented, AugmentedState, EffectModel, Effects};
+pub(crate) use run::{AugmentedOnJets, JetState};
 
 pub(crate) use definition::Layer;
 
-use crate::force::Inputs;
 use crate::force::law::Scale;
+use crate::force::{Inputs, Number};
 use definition::{Definition, Inversion, Properties, Refinement, Values};
 use parts::Lag;
 use run::{EffectState, Inside};
@@ -144,13 +151,13 @@ macro_rules! effects {
 
             /// One sample with these values; see [`Definition::step`].
             #[inline]
-            fn step(
+            fn step<R: Number>(
                 self,
-                values: Values,
-                state: &mut EffectState,
-                inputs: &Inputs,
-                inside: &mut Inside,
-            ) -> Option<f64> {
+                values: Values<R>,
+                state: &mut EffectState<R>,
+                inputs: &Inputs<R>,
+                inside: &mut Inside<R>,
+            ) -> Option<R> {
                 match self {
                     $($(Self::$form => <$file::$form as Definition>::step(values, state, inputs, inside),)+)+
                 }

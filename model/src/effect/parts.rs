@@ -1,21 +1,22 @@
 //! Parts that several effects use: time between valid samples, a first-order lag, a play operator, a delay line.
 
 use super::MAX_DELAY_S;
+use crate::force::jet::Real;
 
 /// Velocity scale over which the smooth sign changes from -1 to 1, m/s.
 pub(super) const SIGN_VELOCITY_M_S: f64 = 5e-3;
 
 /// Smooth sign of a velocity: tanh(v / 5 mm/s). It is smooth because the solver of a series spring around it needs that.
 #[inline]
-pub(super) fn smooth_sign(velocity_m_s: f64) -> f64 {
-    crate::force::tanh(velocity_m_s / SIGN_VELOCITY_M_S)
+pub(super) fn smooth_sign<R: Real>(velocity_m_s: R) -> R {
+    (velocity_m_s / SIGN_VELOCITY_M_S).tanh()
 }
 
 /// `force_n` with the damper's part multiplied by `factor`, or by zero if `factor` is negative. The session's offset is not multiplied:
 /// it does not come from the damper. The comparison keeps NaN, which `f64::max` would turn into zero.
 #[inline]
-pub(super) fn scaled(force_n: f64, offset_n: f64, factor: f64) -> f64 {
-    offset_n + (force_n - offset_n) * if factor < 0.0 { 0.0 } else { factor }
+pub(super) fn scaled<R: Real>(force_n: R, offset_n: f64, factor: R) -> R {
+    (force_n - offset_n) * if factor.re() < 0.0 { R::from(0.0) } else { factor } + offset_n
 }
 
 /// Time between samples that an effect can use. Samples in between that it cannot use count towards the time.
@@ -56,21 +57,26 @@ impl Elapsed {
 /// p = exp(-h/tau),   q = (1 - p) tau / h
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Coefficients {
-    tau_s: f64,
+pub(super) struct Coefficients<R = f64> {
+    tau_s: R,
     step_s: f64,
-    pole: f64,
-    ramp: f64,
+    pole: R,
+    ramp: R,
 }
 
-impl Coefficients {
+impl<R: Real> Coefficients<R> {
     /// The coefficients for this time constant and step, recomputed if either changed.
     #[inline]
-    pub(super) fn of(&mut self, tau_s: f64, step_s: f64) -> Self {
+    pub(super) fn of(&mut self, tau_s: R, step_s: f64) -> Self {
         if tau_s != self.tau_s || step_s != self.step_s {
-            // A time constant of zero makes the ratio infinite, and pole and ramp zero, which means without a lag.
-            let ratio = step_s / tau_s;
-            *self = Self { tau_s, step_s, pole: (-ratio).exp(), ramp: -(-ratio).exp_m1() / ratio };
+            let (pole, ramp) = if tau_s.re() == 0.0 {
+                // Without a lag both are zero, and only the ramp changes with the time constant.
+                (R::from(0.0), tau_s / step_s)
+            } else {
+                let ratio = R::from(step_s) / tau_s;
+                ((-ratio).exp(), -(-ratio).exp_m1() / ratio)
+            };
+            *self = Self { tau_s, step_s, pole, ramp };
         }
         *self
     }
@@ -82,22 +88,22 @@ impl Coefficients {
 /// y_k = p y_{k-1} + (1 - q) u_k + (q - p) u_{k-1}
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Lag {
-    input: f64,
-    pub(super) output: f64,
+pub(super) struct Lag<R = f64> {
+    input: R,
+    pub(super) output: R,
 }
 
-impl Lag {
+impl<R: Real> Lag<R> {
     /// At rest at `value`.
-    pub(super) const fn at_rest(value: f64) -> Self {
+    pub(super) const fn at_rest(value: R) -> Self {
         Self { input: value, output: value }
     }
 
     /// One step.
     #[inline]
-    pub(super) fn step(&mut self, by: Coefficients, input: f64) -> f64 {
+    pub(super) fn step(&mut self, by: Coefficients<R>, input: R) -> R {
         let Coefficients { pole: p, ramp: q, .. } = by;
-        self.output = p * self.output + (1.0 - q) * input + (q - p) * self.input;
+        self.output = p * self.output + (-q + 1.0) * input + (q - p) * self.input;
         self.input = input;
         self.output
     }
@@ -105,7 +111,7 @@ impl Lag {
 
 /// Play operator: the output stays while the input is within `half_width` of it; beyond that it follows at that distance.
 #[inline]
-pub(super) fn play(before: f64, input: f64, half_width: f64) -> f64 {
+pub(super) fn play<R: Real>(before: R, input: R, half_width: R) -> R {
     before.max(input - half_width).min(input + half_width)
 }
 
@@ -117,22 +123,34 @@ const SPACING_S: f64 = MAX_DELAY_S / (CAPACITY - 2) as f64;
 /// The last values of a signal, over at least [`MAX_DELAY_S`] at any rate. If samples are closer than 0.16 ms (rates above 6.2 kHz),
 /// only samples that far apart are kept, plus the newest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ring {
+pub(super) struct Ring<R = f64> {
     /// For each kept value: the time since the kept value before it, s, and the value.
-    slots: [(f64, f64); CAPACITY],
+    slots: [(f64, R); CAPACITY],
     newest: usize,
     len: usize,
 }
 
-impl Default for Ring {
+impl<R: Real> Default for Ring<R> {
     fn default() -> Self {
-        Self { slots: [(0.0, 0.0); CAPACITY], newest: 0, len: 0 }
+        Self { slots: [(0.0, R::from(0.0)); CAPACITY], newest: 0, len: 0 }
     }
 }
 
-impl Ring {
+impl<R: Real> Ring<R> {
+    /// True before the first value.
+    #[inline]
+    pub(super) const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Removes all values.
+    #[inline]
+    pub(super) const fn clear(&mut self) {
+        (self.newest, self.len) = (0, 0);
+    }
+
     /// Restarts with `value`.
-    pub(super) const fn restart(&mut self, value: f64) {
+    pub(super) const fn restart(&mut self, value: R) {
         self.newest = 0;
         self.len = 1;
         self.slots[0] = (0.0, value);
@@ -140,7 +158,7 @@ impl Ring {
 
     /// Adds `value`, `since_s` after the one before.
     #[inline]
-    pub(super) fn push(&mut self, since_s: f64, value: f64) {
+    pub(super) fn push(&mut self, since_s: f64, value: R) {
         let spacing_s = self.slots[self.newest].0;
         // The first value is always kept, even if the second follows sooner than the spacing.
         if self.len > 1 && spacing_s < SPACING_S {
@@ -154,15 +172,15 @@ impl Ring {
 
     /// The value `age_s` before the newest, by linear interpolation between kept values; before the first value, the first value.
     #[inline]
-    pub(super) fn at(&self, age_s: f64) -> f64 {
+    pub(super) fn at(&self, age_s: R) -> R {
         let (mut slot, mut left_s) = (self.newest, age_s);
         for _ in 1..self.len {
             let before = (slot + CAPACITY - 1) % CAPACITY;
             let ((spacing_s, newer), (_, older)) = (self.slots[slot], self.slots[before]);
-            if left_s <= spacing_s {
+            if left_s.re() <= spacing_s {
                 return newer + (older - newer) * (left_s / spacing_s);
             }
-            left_s -= spacing_s;
+            left_s = left_s - spacing_s;
             slot = before;
         }
         self.slots[slot].1

@@ -12,7 +12,7 @@
 
 use super::parts::scaled;
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 pub(super) struct PositionDependence;
 
@@ -34,13 +34,13 @@ impl Definition for PositionDependence {
     };
 
     #[inline]
-    fn step(
-        [growth_per_m, ..]: Values,
-        _: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [growth_per_m, ..]: Values<R>,
+        _: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let force_n = inside.run(inputs)?;
-        Some(scaled(force_n, inside.offset_n(), 1.0 + growth_per_m * inputs.displacement_m))
+        Some(scaled(force_n, inside.offset_n(), growth_per_m * inputs.displacement_m + 1.0))
     }
 }

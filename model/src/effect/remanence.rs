@@ -16,7 +16,7 @@
 
 use super::parts::play;
 use super::{Definition, EffectState, Inside, Inversion, Layer, Need, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 pub(super) struct Remanence;
 
@@ -38,12 +38,12 @@ impl Definition for Remanence {
     };
 
     #[inline]
-    fn step(
-        [half_width, ..]: Values,
-        state: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [half_width, ..]: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let Some(since_s) = state.drive(inputs) else { return inside.run(inputs) };
         let drive = match since_s {
             None => inputs.drive,

@@ -4,14 +4,15 @@ use super::definition::{Inversion, Values};
 use super::parts::{Coefficients, Elapsed, Lag, Ring};
 use super::{Effect, Layer, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need, sensor_delay};
 use crate::error::{Error, ForceError};
-use crate::force::{ForceModel, FreeRun, FuzzyTanhAlong, Inputs};
+use crate::force::jet::{Jet, Real};
+use crate::force::{ForceModel, ForceOnJets, FreeRun, FuzzyTanhAlong, Inputs, LawState, Number};
 
-/// An effect with its parameters, ready to run.
+/// An effect with its parameters, ready to run. `R` is `f64`, except inside of this crate, where it may carry derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EffectModel {
+pub struct EffectModel<R = f64> {
     effect: Effect,
     /// In the order of [`Effect::parameters`]; zeros beyond.
-    parameters: Values,
+    parameters: Values<R>,
 }
 
 impl EffectModel {
@@ -90,35 +91,27 @@ impl EffectModel {
     pub(crate) fn static_stiffness_n_m(&self) -> f64 {
         (self.effect.properties().static_stiffness_n_m)(self.parameters)
     }
-
-    /// One sample: steps the model inside with the inputs that the effect gives it, and returns the force with the effect. `None` if that
-    /// is not finite.
-    #[inline]
-    fn step(&self, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
-        let force_n = self.effect.step(self.parameters, state, inputs, inside);
-        force_n.filter(|force_n| force_n.is_finite())
-    }
 }
 
 /// State of an effect. All effects share one type so that states are a plain array; each effect uses a part of it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct EffectState {
+pub(super) struct EffectState<R: Real = f64> {
     pub(super) elapsed: Elapsed,
-    pub(super) lags: [Lag; 2],
-    pub(super) coefficients: [Coefficients; 2],
-    pub(super) held: [f64; 3],
-    pub(super) ring: Ring,
+    pub(super) lags: [Lag<R>; 2],
+    pub(super) coefficients: [Coefficients<R>; 2],
+    pub(super) held: [R; 3],
+    pub(super) ring: Ring<R>,
 }
 
-impl EffectState {
+impl<R: Number> EffectState<R> {
     /// The force of the model inside, and the time since its last force (`None` at the first one and after a gap). Returns `None` for a
     /// sample without a force; its time counts towards the next step.
     #[inline]
     pub(super) fn force_inside(
         &mut self,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<(f64, Option<f64>)> {
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<(R, Option<f64>)> {
         let force_n = inside.finite(inputs);
         if force_n.is_none() {
             self.elapsed.miss(inputs.dt_s);
@@ -128,8 +121,8 @@ impl EffectState {
 
     /// The time since the last finite drive (inner `None` at the first one and after a gap); `None` if the drive is not finite.
     #[inline]
-    pub(super) fn drive(&mut self, inputs: &Inputs) -> Option<Option<f64>> {
-        if inputs.drive.is_finite() {
+    pub(super) fn drive(&mut self, inputs: &Inputs<R>) -> Option<Option<f64>> {
+        if inputs.drive.re().is_finite() {
             return Some(self.elapsed.hit(inputs.dt_s));
         }
         self.elapsed.miss(inputs.dt_s);
@@ -138,68 +131,67 @@ impl EffectState {
 }
 
 /// The inside of an effect: the model with the effects before it, and their states.
-pub(super) struct Inside<'a> {
-    force: &'a ForceModel,
-    effects: &'a [EffectModel],
-    free: &'a mut FreeRun,
-    states: &'a mut [EffectState],
+pub(super) struct Inside<'a, R: Number> {
+    force: &'a R::Force,
+    effects: &'a [EffectModel<R>],
+    free: &'a mut R::State,
+    states: &'a mut [EffectState<R>],
 }
 
-impl<'a> Inside<'a> {
-    /// Steps the model inside. The force may be not finite.
+impl<'a, R: Number> Inside<'a, R> {
+    /// One sample of the model inside, with the effects around it. Without effects the force may be not finite; with effects it is `None`
+    /// then.
     #[inline]
-    pub(super) fn run(&mut self, inputs: &Inputs) -> Option<f64> {
+    pub(super) fn run(&mut self, inputs: &Inputs<R>) -> Option<R> {
         let Some((outermost, effects)) = self.effects.split_last() else {
-            return self.force.free_run(self.free, inputs);
+            return R::free_run(self.force, self.free, inputs);
         };
         let (own, states) = self.states.split_last_mut()?;
         let mut inside = Inside { force: self.force, effects, free: &mut *self.free, states };
-        outermost.step(own, inputs, &mut inside)
+        let force_n = outermost.effect.step(outermost.parameters, own, inputs, &mut inside);
+        force_n.filter(|force_n| force_n.re().is_finite())
     }
 
-    /// Steps the model inside; `None` if the force is not finite.
+    /// As [`Inside::run`], but `None` if the force is not finite.
     #[inline]
-    pub(super) fn finite(&mut self, inputs: &Inputs) -> Option<f64> {
-        self.run(inputs).filter(|force_n| force_n.is_finite())
+    pub(super) fn finite(&mut self, inputs: &Inputs<R>) -> Option<R> {
+        self.run(inputs).filter(|force_n| force_n.re().is_finite())
     }
 
     /// The model at a fixed drive, if it can give its slope and has no effects around it inside.
     #[inline]
     pub(super) fn along(&self, drive: f64) -> Option<FuzzyTanhAlong<'_>> {
-        if self.effects.is_empty() { self.force.along(drive) } else { None }
+        if self.effects.is_empty() { R::along(self.force, drive) } else { None }
     }
 
     /// Trial steps of one sample, each of which can be undone.
     #[inline]
-    pub(super) fn trials(&mut self) -> Trials<'_, 'a> {
-        let free = self.force.remembers().then_some(*self.free);
-        Trials { free, states: Kept::of(self.states), inside: self, stepped: false }
+    pub(super) fn trials(&mut self) -> Trials<'_, 'a, R> {
+        let free = R::keep(self.force, self.free);
+        Trials { free, states: KeptEffects::of(self.states), inside: self, stepped: false }
     }
 
     /// The session's force offset, N, which does not come from the damper.
     #[inline]
     pub(super) fn offset_n(&self) -> f64 {
-        self.force.force_offset_n()
+        R::model(self.force).force_offset_n()
     }
 }
 
 /// Trial steps of the model inside. Each starts from the state before the sample; the state after the last one is kept.
-pub(super) struct Trials<'a, 'b> {
-    inside: &'a mut Inside<'b>,
-    /// `None` for a model without state.
-    free: Option<FreeRun>,
-    states: Kept,
+pub(super) struct Trials<'a, 'b, R: Number> {
+    inside: &'a mut Inside<'b, R>,
+    free: R::Kept,
+    states: KeptEffects<R>,
     stepped: bool,
 }
 
-impl Trials<'_, '_> {
+impl<R: Number> Trials<'_, '_, R> {
     /// Undoes the step before, if there was one, and steps with `inputs`; `None` if the force is not finite.
     #[inline]
-    pub(super) fn step(&mut self, inputs: &Inputs) -> Option<f64> {
+    pub(super) fn step(&mut self, inputs: &Inputs<R>) -> Option<R> {
         if self.stepped {
-            if let Some(free) = self.free {
-                *self.inside.free = free;
-            }
+            R::restore(&self.free, self.inside.free);
             self.states.restore(self.inside.states);
         }
         self.stepped = true;
@@ -207,32 +199,65 @@ impl Trials<'_, '_> {
     }
 }
 
-/// Saved states of the effects inside another one, at most [`MAX_EFFECTS`] - 1. A state is a kilobyte, so only states of existing
-/// effects are copied.
-#[allow(clippy::large_enum_variant, reason = "a box would allocate")]
-enum Kept {
-    None,
-    One(EffectState),
-    Two([EffectState; MAX_EFFECTS - 1]),
+/// A trial step of an effect may change this. The delay line, most of a state's kilobyte, is copied only if it is in use.
+#[derive(Clone, Copy)]
+struct KeptEffect<R: Real> {
+    elapsed: Elapsed,
+    lags: [Lag<R>; 2],
+    held: [R; 3],
+    ring: Option<Ring<R>>,
 }
 
-impl Kept {
+impl<R: Real> KeptEffect<R> {
     #[inline]
-    fn of(states: &[EffectState]) -> Self {
-        match states {
-            [] => Self::None,
-            [one] => Self::One(*one),
-            [one, two, ..] => Self::Two([*one, *two]),
+    fn of(state: &EffectState<R>) -> Self {
+        let EffectState { elapsed, lags, held, ring, .. } = state;
+        Self {
+            elapsed: *elapsed,
+            lags: *lags,
+            held: *held,
+            ring: if ring.is_empty() { None } else { Some(*ring) },
         }
     }
 
     #[inline]
-    fn restore(&self, states: &mut [EffectState]) {
-        match self {
-            Self::None => {}
-            Self::One(one) => states.copy_from_slice(std::slice::from_ref(one)),
-            Self::Two(both) => states.copy_from_slice(both),
+    fn restore(&self, state: &mut EffectState<R>) {
+        state.elapsed = self.elapsed;
+        state.lags = self.lags;
+        state.held = self.held;
+        match &self.ring {
+            Some(ring) => state.ring = *ring,
+            None => state.ring.clear(),
         }
+    }
+}
+
+/// Kept states of the effects inside another one, at most [`MAX_EFFECTS`] - 1.
+#[allow(clippy::large_enum_variant, reason = "a box would allocate")]
+enum KeptEffects<R: Real> {
+    None,
+    One(KeptEffect<R>),
+    Two([KeptEffect<R>; MAX_EFFECTS - 1]),
+}
+
+impl<R: Real> KeptEffects<R> {
+    #[inline]
+    fn of(states: &[EffectState<R>]) -> Self {
+        match states {
+            [] => Self::None,
+            [one] => Self::One(KeptEffect::of(one)),
+            [one, two, ..] => Self::Two([one, two].map(KeptEffect::of)),
+        }
+    }
+
+    #[inline]
+    fn restore(&self, states: &mut [EffectState<R>]) {
+        let kept = match self {
+            Self::None => [].as_slice(),
+            Self::One(one) => std::slice::from_ref(one),
+            Self::Two(both) => both,
+        };
+        states.iter_mut().zip(kept).for_each(|(state, kept)| kept.restore(state));
     }
 }
 
@@ -449,5 +474,50 @@ impl Augmented {
     #[inline]
     pub fn free_run(&self, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
         self.effects.free_run(&self.force, state, inputs)
+    }
+}
+
+/// An [`Augmented`] model whose numbers carry derivatives.
+#[derive(Debug, Clone)]
+pub(crate) struct AugmentedOnJets<const N: usize> {
+    force: ForceOnJets<N>,
+    effects: Vec<EffectModel<Jet<N>>>,
+}
+
+/// State of an [`AugmentedOnJets`].
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct JetState<const N: usize> {
+    free: LawState<Jet<N>>,
+    effects: [EffectState<Jet<N>>; MAX_EFFECTS],
+}
+
+impl<const N: usize> AugmentedOnJets<N> {
+    /// `model` with each of its numbers as `jet` makes it, given its index and value: the coefficients of the force model, then the
+    /// parameters of each effect. `None` if the force model has no derivatives by its coefficients.
+    pub(crate) fn new(model: &Augmented, mut jet: impl FnMut(usize, f64) -> Jet<N>) -> Option<Self> {
+        let mut index = 0..;
+        let mut next = |value: &f64| index.next().map(|index| jet(index, *value)).unwrap_or_default();
+        let force = model.force();
+        let force = ForceOnJets::new(force, force.coefficients()?.iter().map(&mut next).collect())?;
+        let mut effects = Vec::with_capacity(model.effects().len);
+        for effect in model.effects().as_slice() {
+            let mut parameters = [Jet::default(); MAX_EFFECT_PARAMETERS];
+            parameters.iter_mut().zip(effect.parameters()).for_each(|(jet, value)| *jet = next(value));
+            effects.push(EffectModel { effect: effect.effect, parameters });
+        }
+        Some(Self { force, effects })
+    }
+
+    /// True if the force model needs a drive.
+    pub(crate) fn needs_drive(&self) -> bool {
+        Jet::model(&self.force).drive().is_some()
+    }
+
+    /// As [`Augmented::free_run`], with derivatives.
+    #[inline]
+    pub(crate) fn free_run(&self, state: &mut JetState<N>, inputs: &Inputs) -> Option<Jet<N>> {
+        let JetState { free, effects } = state;
+        let states = &mut effects[..self.effects.len()];
+        Inside { force: &self.force, effects: &self.effects, free, states }.run(&inputs.lifted())
     }
 }

@@ -20,11 +20,11 @@
 use super::{
     Definition, EffectState, Inside, Inversion, Layer, MAX_DELAY_S, Parameter, Properties, Unit, Values,
 };
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 /// True if the displacement is late and not the force.
-pub(super) fn displacement_is_late([delay_s, ..]: Values) -> bool {
-    delay_s < 0.0
+pub(super) fn displacement_is_late<R: Number>([delay_s, ..]: Values<R>) -> bool {
+    delay_s.re() < 0.0
 }
 
 pub(super) struct SensorDelay;
@@ -47,12 +47,12 @@ impl Definition for SensorDelay {
     };
 
     #[inline]
-    fn step(
-        values @ [delay_s, ..]: Values,
-        state: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        values @ [delay_s, ..]: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         if displacement_is_late(values) {
             return inside.run(&Inputs {
                 displacement_m: inputs.displacement_m - delay_s * inputs.velocity_m_s,

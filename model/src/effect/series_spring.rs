@@ -40,7 +40,7 @@
 //! See `[maxwell]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-use crate::force::{Inputs, Way};
+use crate::force::{Inputs, Number, Way};
 
 /// Length of a Newton step relative to |force| + 1 N. Up to the first value the step is the last; from the second value on it is not.
 const SHORT: [f64; 2] = [1e-2, 2e-2];
@@ -48,9 +48,6 @@ const SHORT: [f64; 2] = [1e-2, 2e-2];
 const NEWTONS: u32 = 3;
 /// Largest number of trials of the model per sample.
 const TRIALS: u32 = 48;
-/// Error relative to |force| + 1 N below which one more secant step makes the force exact. Scores and derivatives are differences of
-/// this force and need it to one part in 1e10.
-const TOLERANCE: f64 = 1e-7;
 /// The same without a secant: at the first trial, or within a jump.
 const EXACT: f64 = 1e-10;
 
@@ -74,13 +71,13 @@ impl Definition for SeriesSpring {
     };
 
     #[inline]
-    fn step(
-        [compliance_m_n, ..]: Values,
-        state: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
-        if compliance_m_n == 0.0 {
+    fn step<R: Number>(
+        [compliance_m_n, ..]: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
+        if compliance_m_n.is_zero() {
             return inside.run(inputs);
         }
         let [force_before_n, force_rate_n_s, slope] = state.held;
@@ -91,11 +88,11 @@ impl Definition for SeriesSpring {
             force_rate_n_s,
         });
         let spring = Spring { compliance_m_n, offset_n: inside.offset_n(), before };
-        let newton = Newton::search(&spring, slope, inputs, inside);
+        let newton = Newton::search(&spring, slope.re(), inputs, inside);
         let found = if newton.unsure > 0.0 {
             // The model is stepped even if it gives no force: it may be filling its history.
             let mut trials = inside.trials();
-            let model = |force_n: f64| trials.step(&spring.behind(inputs, force_n));
+            let model = |force_n: R| trials.step(&spring.behind(inputs, force_n));
             solve(newton.at_n, newton.slope, spring.offset_n, model).map(|found| newton.then(found))
         } else {
             Some((newton.force_n, newton.slope))
@@ -105,43 +102,43 @@ impl Definition for SeriesSpring {
             return None;
         };
         state.elapsed.hit(inputs.dt_s);
-        state.held = [force_n, spring.rates(force_n).0, slope];
+        state.held = [force_n, spring.rates(force_n).0, R::from(slope)];
         Some(force_n)
     }
 }
 
 /// The spring at one sample.
-struct Spring {
-    compliance_m_n: f64,
+struct Spring<R> {
+    compliance_m_n: R,
     /// Force at which it has its free length, N.
     offset_n: f64,
-    before: Option<Before>,
+    before: Option<Before<R>>,
 }
 
 /// The spring at the sample before.
-struct Before {
+struct Before<R> {
     /// One over the time since that sample, 1/s.
     per_s: f64,
     /// Its force, N.
-    force_n: f64,
+    force_n: R,
     /// Rate of its force, N/s.
-    force_rate_n_s: f64,
+    force_rate_n_s: R,
     /// Force extrapolated with that rate to the present sample, N.
-    guess_n: f64,
+    guess_n: R,
 }
 
-impl Spring {
+impl<R: Number> Spring<R> {
     /// First and second derivative of the spring force if it is `force_n` at the present sample, N/s and N/s².
     #[inline]
-    fn rates(&self, force_n: f64) -> (f64, f64) {
-        let Some(before) = &self.before else { return (0.0, 0.0) };
+    fn rates(&self, force_n: R) -> (R, R) {
+        let Some(before) = &self.before else { return (R::from(0.0), R::from(0.0)) };
         let force_rate_n_s = (force_n - before.force_n) * before.per_s;
         (force_rate_n_s, (force_rate_n_s - before.force_rate_n_s) * before.per_s)
     }
 
     /// The inputs of the piston if the spring force is `force_n`.
     #[inline]
-    fn behind(&self, inputs: &Inputs, force_n: f64) -> Inputs {
+    fn behind(&self, inputs: &Inputs<R>, force_n: R) -> Inputs<R> {
         let (rate_n_s, rate_n_s2) = self.rates(force_n);
         Inputs {
             displacement_m: inputs.displacement_m - self.compliance_m_n * (force_n - self.offset_n),
@@ -153,34 +150,33 @@ impl Spring {
 }
 
 /// Newton iteration for `model(F) = F`.
-struct Newton {
+struct Newton<R> {
     /// The force so far, N: the sum of the steps, each with its weight.
-    force_n: f64,
+    force_n: R,
     /// The iterate, N: the sum of the steps without weights.
-    at_n: f64,
+    at_n: R,
     /// Slope of F - model(F) at the start of the last step, or at the guess before the first one.
     slope: f64,
     /// Weight of the steps to come: 0 after a short step, 1 if no step was short, with a smooth transition.
     unsure: f64,
 }
 
-impl Newton {
+impl<R: Number> Newton<R> {
     /// Starts at the extrapolated force and takes steps until one is short, if the model can give its slope. Stops at [`NEWTONS`] steps,
     /// or at a step that is not possible.
     #[inline]
-    fn search(spring: &Spring, slope: f64, inputs: &Inputs, inside: &Inside) -> Self {
-        let Some(before) = &spring.before else {
-            return Self { force_n: spring.offset_n, at_n: spring.offset_n, slope: 1.0, unsure: 1.0 };
-        };
-        let mut newton = Self { force_n: before.guess_n, at_n: before.guess_n, slope, unsure: 1.0 };
-        let Some(model) = inside.along(inputs.drive) else { return newton };
-        let way = Way {
-            displacement_m: -spring.compliance_m_n,
-            velocity_m_s: -spring.compliance_m_n * before.per_s,
-        };
+    fn search(spring: &Spring<R>, slope: f64, inputs: &Inputs<R>, inside: &Inside<R>) -> Self {
+        let start = |force_n, slope| Self { force_n, at_n: force_n, slope, unsure: 1.0 };
+        let Some(before) = &spring.before else { return start(R::from(spring.offset_n), 1.0) };
+        let mut newton = start(before.guess_n, slope);
+        // Without derivatives, so that values are enough here.
+        let Some(model) = inside.along(inputs.drive.re()) else { return newton };
+        let compliance_m_n = spring.compliance_m_n.re();
+        let way = Way { displacement_m: -compliance_m_n, velocity_m_s: -compliance_m_n * before.per_s };
         for _ in 0..NEWTONS {
             let piston = spring.behind(inputs, newton.at_n);
-            let force_and_slope = model.force_and_slope(piston.displacement_m, piston.velocity_m_s, &way);
+            let force_and_slope =
+                model.force_and_slope(piston.displacement_m.re(), piston.velocity_m_s.re(), &way);
             if !newton.step(spring.offset_n, force_and_slope) || newton.unsure == 0.0 {
                 break;
             }
@@ -193,14 +189,14 @@ impl Newton {
     #[inline]
     fn step(&mut self, offset_n: f64, [model_n, growth]: [f64; 2]) -> bool {
         let slope = 1.0 - growth;
-        let step_n = (model_n - self.at_n) / slope;
-        if !(slope > 0.0 && step_n.is_finite()) {
+        let step_n = (R::from(model_n) - self.at_n) / slope;
+        if !(slope > 0.0 && step_n.re().is_finite()) {
             return false;
         }
         self.slope = slope;
-        self.force_n += self.unsure * step_n;
-        self.at_n += step_n;
-        let (length_n, size_n) = (step_n.abs(), (self.at_n - offset_n).abs() + 1.0);
+        self.force_n = self.force_n + step_n * self.unsure;
+        self.at_n = self.at_n + step_n;
+        let (length_n, size_n) = (step_n.re().abs(), (self.at_n - offset_n).re().abs() + 1.0);
         if length_n <= SHORT[0] * size_n {
             self.unsure = 0.0;
         } else {
@@ -211,55 +207,58 @@ impl Newton {
     }
 
     /// The force after `found` (force and slope) was solved from the iterate.
-    fn then(&self, (found_n, slope): (f64, f64)) -> (f64, f64) {
+    fn then(&self, (found_n, slope): (R, f64)) -> (R, f64) {
         // Take `found` at full precision if no step was short.
         let force_n =
-            if self.unsure < 1.0 { self.force_n + self.unsure * (found_n - self.at_n) } else { found_n };
+            if self.unsure < 1.0 { self.force_n + (found_n - self.at_n) * self.unsure } else { found_n };
         (force_n, slope)
     }
 }
 
 /// Solves `model(F) = F` and returns F and the slope of F - model(F). Starts from `guess_n` and `slope`, which change little from sample
 /// to sample. `None` if the model gives no force at a trial, or if the trials do not enclose a solution.
-fn solve(
-    guess_n: f64,
+fn solve<R: Number>(
+    guess_n: R,
     slope: f64,
     offset_n: f64,
-    mut model: impl FnMut(f64) -> Option<f64>,
-) -> Option<(f64, f64)> {
+    mut model: impl FnMut(R) -> Option<R>,
+) -> Option<(R, f64)> {
     let (mut force_n, mut slope) = (guess_n, slope);
     // Bounds of the root known so far.
     let [mut low_n, mut high_n] = [f64::NEG_INFINITY, f64::INFINITY];
     let (mut last, mut reach) = (None, 1.0);
     for _ in 0..TRIALS {
-        let excess_n = force_n - model(force_n)?;
-        let size_n = (force_n - offset_n).abs() + 1.0;
+        let excess = force_n - model(force_n)?;
+        let (at_n, excess_n) = (force_n.re(), excess.re());
+        let size_n = (at_n - offset_n).abs() + 1.0;
         if excess_n.abs() <= EXACT * size_n || high_n - low_n <= EXACT * size_n {
-            return Some((force_n, slope));
+            // The value is exact, and this step makes its derivatives so.
+            return Some((force_n - (excess - excess_n) / slope, slope));
         }
         if excess_n < 0.0 {
-            low_n = force_n;
+            low_n = at_n;
         } else {
-            high_n = force_n;
+            high_n = at_n;
         }
         let mut slow = false;
         if let Some((before_n, excess_before_n)) = last {
-            let secant: f64 = (excess_n - excess_before_n) / (force_n - before_n);
+            let secant: f64 = (excess_n - excess_before_n) / (at_n - before_n);
             slope = if secant > 0.0 { secant } else { 1.0 };
-            if secant > 0.0 && excess_n.abs() <= TOLERANCE * size_n {
-                return Some((force_n - excess_n / slope, slope));
+            if secant > 0.0 && excess_n.abs() <= R::SOLVED * size_n {
+                return Some((force_n - excess / slope, slope));
             }
             slow = excess_n.abs() > 0.5 * f64::abs(excess_before_n);
         }
-        last = Some((force_n, excess_n));
-        let step_n = -excess_n / slope;
+        last = Some((at_n, excess_n));
+        let step_n = -excess / slope;
         force_n = if high_n - low_n < f64::INFINITY {
             let next_n = force_n + step_n;
-            if slow || next_n <= low_n || next_n >= high_n { 0.5 * (low_n + high_n) } else { next_n }
+            let is_outside = next_n.re() <= low_n || next_n.re() >= high_n;
+            if slow || is_outside { R::from(0.5 * (low_n + high_n)) } else { next_n }
         } else {
             // The root is not enclosed yet: double the step each time that the error does not shrink.
             reach = if slow { 2.0 * reach } else { 1.0 };
-            force_n + reach * step_n
+            force_n + step_n * reach
         };
     }
     (high_n - low_n < f64::INFINITY).then_some((force_n, slope))

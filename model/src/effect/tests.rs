@@ -6,6 +6,7 @@ use crate::preset;
 use crate::sample::DriveKind;
 use proptest::prelude::*;
 
+mod derivatives;
 mod responses;
 
 /// Force offset of the models below, N.

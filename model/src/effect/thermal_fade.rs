@@ -15,7 +15,7 @@
 use super::REFERENCE_TEMP_C;
 use super::parts::scaled;
 use super::{Definition, EffectState, Inside, Inversion, Layer, Need, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
+use crate::force::{Inputs, Number};
 
 pub(super) struct ThermalFade;
 
@@ -37,14 +37,14 @@ impl Definition for ThermalFade {
     };
 
     #[inline]
-    fn step(
-        [fade_per_k, ..]: Values,
-        _: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [fade_per_k, ..]: Values<R>,
+        _: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let force_n = inside.run(inputs)?;
-        let factor = 1.0 + fade_per_k * (inputs.case_temp_c - REFERENCE_TEMP_C);
+        let factor = fade_per_k * (inputs.case_temp_c - REFERENCE_TEMP_C) + 1.0;
         Some(scaled(force_n, inside.offset_n(), factor))
     }
 }

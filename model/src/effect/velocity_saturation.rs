@@ -10,8 +10,8 @@
 //! | v | input | m/s | velocity |
 
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
-use crate::force::Inputs;
 use crate::force::law::Scale;
+use crate::force::{Inputs, Number};
 
 pub(super) struct VelocitySaturation;
 
@@ -39,12 +39,12 @@ impl Definition for VelocitySaturation {
     };
 
     #[inline]
-    fn step(
-        [quadratic_n_s2_m2, ..]: Values,
-        _: &mut EffectState,
-        inputs: &Inputs,
-        inside: &mut Inside,
-    ) -> Option<f64> {
+    fn step<R: Number>(
+        [quadratic_n_s2_m2, ..]: Values<R>,
+        _: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let v = inputs.velocity_m_s;
         Some(inside.run(inputs)? + quadratic_n_s2_m2 * v * v.abs())
     }

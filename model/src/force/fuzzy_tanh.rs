@@ -26,6 +26,7 @@
 //! Source: `[thesis]` and `[thesis-paper2]` in the bibliography (node/docs/guide/bibliography.md), equations 4.8 to 4.10 of the thesis.
 
 use super::Way;
+use super::jet::Real;
 use super::sets::{FuzzySets, MAX_FUNCTIONS, Strengths};
 use super::tanh::tanh;
 use crate::error::Error;
@@ -68,8 +69,20 @@ impl TanhFunction {
     #[inline]
     #[must_use]
     pub fn force_n(&self, x_m: f64, v_m_s: f64) -> f64 {
-        let u = v_m_s + self.coupling_per_s * x_m;
-        self.yield_force_n * tanh(self.pre_yield_slope_s_m * u) + self.post_yield_damping_n_s_m * u
+        Self::force_on(&self.numbers(), x_m, v_m_s)
+    }
+
+    /// A1, A2, A3 and kappa, as in [`TanhFunction::new`].
+    #[inline]
+    pub(crate) const fn numbers(&self) -> [f64; 4] {
+        [self.yield_force_n, self.post_yield_damping_n_s_m, self.pre_yield_slope_s_m, self.coupling_per_s]
+    }
+
+    /// [`TanhFunction::force_n`] of the function with these numbers, of any type.
+    #[inline]
+    fn force_on<R: Real>(&[a1, a2, a3, kappa]: &[R; 4], x_m: R, v_m_s: R) -> R {
+        let u = v_m_s + kappa * x_m;
+        a1 * (a3 * u).tanh() + a2 * u
     }
 
     /// The same force, and its derivative along `way`.
@@ -182,6 +195,13 @@ impl FuzzyTanh {
     pub fn force_n(&self, x_m: f64, v_m_s: f64, i: f64) -> f64 {
         let functions = self.functions();
         self.sets.strengths(i).mean(|set| functions[set].force_n(x_m, v_m_s)) + self.force_offset_n
+    }
+
+    /// [`FuzzyTanh::force_n`] with the functions of `numbers` in place of its own, of any type.
+    #[inline]
+    pub(crate) fn force_on<R: Real>(&self, numbers: &[[R; 4]], x_m: R, v_m_s: R, i: R) -> R {
+        let force_n = self.sets.strengths(i).mean(|set| TanhFunction::force_on(&numbers[set], x_m, v_m_s));
+        force_n + self.force_offset_n
     }
 
     /// The model at a constant drive, for several motions: the memberships are computed once.

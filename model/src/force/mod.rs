@@ -8,11 +8,13 @@ mod dependence;
 mod form;
 mod fuzzy_tanh;
 mod history;
+pub(crate) mod jet;
 pub mod law;
 mod lazy;
 mod lpv;
 mod maxwell_slip;
 mod network;
+mod on_jets;
 mod phase;
 mod sets;
 mod tanh;
@@ -34,6 +36,7 @@ pub use maxwell_slip::{
 pub use network::{
     MAX_NETWORK_HIDDEN, MAX_NETWORK_INPUTS, Network, NetworkScaling, NetworkStructure, Normalisation,
 };
+pub(crate) use on_jets::{ForceOnJets, Number};
 pub use phase::{ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase};
 pub(crate) use sets::blend;
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
@@ -44,6 +47,7 @@ pub use tsk::{
 
 use crate::sample::DriveKind;
 use crate::units::Second;
+use jet::Real;
 
 /// Any force model of this crate.
 ///
@@ -93,21 +97,36 @@ pub enum ForceModel {
     Tsk(Tsk),
 }
 
-/// Inputs of a model at one sample.
+/// Inputs of a model at one sample. `R` is `f64`, except inside of this crate, where it may carry derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Inputs {
+pub struct Inputs<R = f64> {
     /// Time since the sample before, s; `None` at the first sample and after a gap.
     pub dt_s: Option<f64>,
     /// Conditioned displacement, m.
-    pub displacement_m: f64,
+    pub displacement_m: R,
     /// Conditioned velocity, m/s.
-    pub velocity_m_s: f64,
+    pub velocity_m_s: R,
     /// Conditioned acceleration, m/s²; NaN if not known.
-    pub acceleration_m_s2: f64,
+    pub acceleration_m_s2: R,
     /// Drive in the unit of the model's [`DriveKind`]; ignored by models without one.
-    pub drive: f64,
+    pub drive: R,
     /// Case temperature of the damper, °C; NaN if not known. Only effects use it, not force models.
     pub case_temp_c: f64,
+}
+
+impl Inputs {
+    /// The same inputs as constants of another number type.
+    #[inline]
+    pub(crate) fn lifted<R: Real>(&self) -> Inputs<R> {
+        Inputs {
+            dt_s: self.dt_s,
+            displacement_m: R::from(self.displacement_m),
+            velocity_m_s: R::from(self.velocity_m_s),
+            acceleration_m_s2: R::from(self.acceleration_m_s2),
+            drive: R::from(self.drive),
+            case_temp_c: self.case_temp_c,
+        }
+    }
 }
 
 /// A direction in the space of a model's inputs, for a directional derivative.
@@ -168,6 +187,18 @@ impl ForceModel {
             Self::Law(model) => model.parameter_count(),
             Self::MaxwellSlip(model) => model.parameter_count(),
             Self::Tsk(model) => model.parameter_count(),
+        }
+    }
+
+    /// The coefficients of a model whose simulation has derivatives by them: a law's own, or four for each function of fuzzy-tanh.
+    /// `None` for every other model.
+    pub(crate) fn coefficients(&self) -> Option<Vec<f64>> {
+        match self {
+            Self::FuzzyTanh(fuzzy) => {
+                Some(fuzzy.functions().iter().flat_map(TanhFunction::numbers).collect())
+            }
+            Self::Law(model) => Some(model.coefficients().to_vec()),
+            _ => None,
         }
     }
 

@@ -9,6 +9,7 @@
 //!
 //! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equation 4.8 of the thesis.
 
+use super::jet::Real;
 use crate::error::Error;
 use crate::sample::DriveKind;
 
@@ -136,39 +137,39 @@ impl FuzzySets {
 
     /// Strengths of the sets at drive `i`. NaN for a drive that is not finite.
     #[inline]
-    pub(crate) fn strengths(&self, i: f64) -> Strengths {
+    pub(crate) fn strengths<R: Real>(&self, i: R) -> Strengths<R> {
         Strengths::at(i, self.centres(), &self.sharpnesses[..self.len])
     }
 }
 
 /// Strengths of fuzzy sets at one drive, relative to the strongest.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Strengths {
-    of: [f64; MAX_FUNCTIONS],
-    sum: f64,
+pub(crate) struct Strengths<R = f64> {
+    of: [R; MAX_FUNCTIONS],
+    sum: R,
     len: usize,
 }
 
-impl Strengths {
+impl<R: Real> Strengths<R> {
     /// Strengths of Gaussian sets at drive `i`, one per centre, at most [`MAX_FUNCTIONS`].
     #[inline]
-    fn at(i: f64, centres: &[f64], sharpnesses: &[f64]) -> Self {
+    fn at(i: R, centres: &[f64], sharpnesses: &[f64]) -> Self {
         let len = centres.len().min(MAX_FUNCTIONS);
         let (mut of, nearest) = exponents(i, centres, sharpnesses);
-        let mut sum = 0.0;
+        let mut sum = R::from(0.0);
         for value in &mut of[..len] {
             *value = strength(*value - nearest);
-            sum += *value;
+            sum = sum + *value;
         }
         Self { of, sum, len }
     }
 
     /// Each strength divided by the sum.
     #[inline]
-    fn shares(&self) -> [f64; MAX_FUNCTIONS] {
+    pub(super) fn shares(&self) -> [R; MAX_FUNCTIONS] {
         let Self { of: mut weights, sum, len } = *self;
         for weight in &mut weights[..len] {
-            *weight /= sum;
+            *weight = *weight / sum;
         }
         weights
     }
@@ -176,17 +177,19 @@ impl Strengths {
     /// Weighted mean of the sets' outputs `says`, with the strengths as weights. Ignored sets are not evaluated. NaN if the strengths
     /// are NaN.
     #[inline]
-    pub(crate) fn mean(&self, says: impl Fn(usize) -> f64) -> f64 {
-        let mut sum = 0.0;
+    pub(crate) fn mean(&self, says: impl Fn(usize) -> R) -> R {
+        let mut sum = R::from(0.0);
         for (set, strength) in self.of[..self.len].iter().enumerate() {
             // NaN is not equal to zero, so it propagates.
-            if *strength != 0.0 {
-                sum += strength * says(set);
+            if !strength.is_zero() {
+                sum = sum + *strength * says(set);
             }
         }
         sum / self.sum
     }
+}
 
+impl Strengths {
     /// [`Self::mean`] of a value and its slope.
     #[inline]
     pub(crate) fn mean_and_slope(&self, says: impl Fn(usize) -> [f64; 2]) -> [f64; 2] {
@@ -228,12 +231,12 @@ fn sharpness(sigma: f64) -> f64 {
 
 /// Exponent of each set at drive `i`, (i - c)²/(2 sigma²), and the smallest of them; unused entries are zero.
 #[inline]
-fn exponents(i: f64, centres: &[f64], sharpnesses: &[f64]) -> ([f64; MAX_FUNCTIONS], f64) {
-    let mut all = [0.0; MAX_FUNCTIONS];
-    let mut least = f64::INFINITY;
+fn exponents<R: Real>(i: R, centres: &[f64], sharpnesses: &[f64]) -> ([R; MAX_FUNCTIONS], R) {
+    let mut all = [R::from(0.0); MAX_FUNCTIONS];
+    let mut least = R::from(f64::INFINITY);
     for (exponent, (centre, sharpness)) in all.iter_mut().zip(centres.iter().zip(sharpnesses)) {
-        let distance = i - centre;
-        *exponent = distance * distance * sharpness;
+        let distance = i - *centre;
+        *exponent = distance * distance * *sharpness;
         least = least.min(*exponent);
     }
     (all, least)
@@ -241,9 +244,9 @@ fn exponents(i: f64, centres: &[f64], sharpnesses: &[f64]) -> ([f64; MAX_FUNCTIO
 
 /// Strength of a set whose exponent is `beyond` above the strongest set's: 0 if the set is ignored, NaN if `beyond` is NaN.
 #[inline]
-fn strength(beyond: f64) -> f64 {
+fn strength<R: Real>(beyond: R) -> R {
     // NaN from an unknown drive must propagate.
-    if beyond > OUT { 0.0 } else { (-beyond).exp() }
+    if beyond.re() > OUT { R::from(0.0) } else { (-beyond).exp() }
 }
 
 #[cfg(test)]

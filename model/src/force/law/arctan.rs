@@ -18,7 +18,7 @@
 //!
 //! Source: `[cesmeci2010]` in the bibliography (node/docs/guide/bibliography.md), equation 2.6 of the thesis.
 
-use super::{Inputs, MemorylessLaw, Parameter, Scalar};
+use super::{Inputs, MemorylessLaw, Parameter, Real};
 use std::f64::consts::FRAC_2_PI;
 
 pub(super) struct Arctan;
@@ -28,7 +28,7 @@ impl MemorylessLaw for Arctan {
     const PARAMETERS: &'static [Parameter] = super::sp::Sp::PARAMETERS;
 
     #[inline]
-    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>) -> D {
         let u = p[3] / p[4] * inputs.displacement_m + inputs.velocity_m_s;
         p[0] * FRAC_2_PI * (p[2] * u).atan() + p[1] * u
     }

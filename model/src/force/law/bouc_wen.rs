@@ -37,10 +37,8 @@
 //!
 //! Source: `[spencer1996]` in the bibliography (node/docs/guide/bibliography.md), equation 2.2 of the thesis; integration `[verwer1999]`.
 
-use super::jet::Real;
 use super::{Hidden, Inputs, Law, MAX_HIDDEN, Parameter, Scale, Sensitivity, by_jets, first_gradient};
-#[cfg(test)]
-use num_dual::Dual64;
+use crate::force::jet::Real;
 
 /// Longest step, s, unless a sample would need more than [`STEPS`] of them.
 const LONGEST_S: f64 = 0.5e-3;
@@ -82,7 +80,7 @@ impl Law for BoucWen {
     const HAS_MEMORY: bool = true;
 
     #[inline]
-    fn force_n(p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64 {
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>, hidden: &mut Hidden<D>) -> D {
         step(p, inputs, hidden)
     }
 
@@ -93,21 +91,16 @@ impl Law for BoucWen {
 
     #[inline]
     fn sensitivity(p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> Sensitivity {
-        by_jets::<COUNT, { COUNT + MAX_HIDDEN }>(p, hidden, |p, hidden| step(p, inputs, hidden))
-    }
-
-    #[cfg(test)]
-    fn on_duals(p: &[Dual64], inputs: &Inputs, hidden: &mut [Dual64; MAX_HIDDEN]) -> Dual64 {
-        step(p, inputs, hidden)
+        by_jets::<COUNT, { COUNT + MAX_HIDDEN }>(p, hidden, |p, hidden| step(p, &inputs.lifted(), hidden))
     }
 }
 
 /// Computes one sample: the force, N, and `hidden` advanced. If an input is not finite, the force is NaN and
 /// `hidden` is unchanged; the next sample continues from it.
 #[inline]
-fn step<D: Real>(p: &[D], inputs: &Inputs, hidden: &mut [D; MAX_HIDDEN]) -> D {
-    let (x, v) = (inputs.displacement_m, D::from(inputs.velocity_m_s));
-    if !(x.is_finite() && v.re().is_finite()) {
+fn step<D: Real>(p: &[D], inputs: &Inputs<D>, hidden: &mut Hidden<D>) -> D {
+    let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
+    if !(x.re().is_finite() && v.re().is_finite()) {
         return D::from(f64::NAN);
     }
     let damper = Damper::new(p);
@@ -144,7 +137,7 @@ struct Damper<D> {
 }
 
 impl<D: Real> Damper<D> {
-    #[inline]
+    #[inline(always)]
     fn new(p: &[D]) -> Self {
         let mobility = D::from(1.0) / (p[0] + p[1]);
         let bound = p[8] / (p[5] + p[7]);
@@ -163,13 +156,13 @@ impl<D: Real> Damper<D> {
     }
 
     /// r' = v - y'.
-    #[inline]
+    #[inline(always)]
     fn slip(&self, r: D, z: D, v: D) -> D {
         (self.c1 * v - self.alpha * z - self.k0 * r) * self.mobility
     }
 
     /// |z|^(n-1), and beta + gamma or beta - gamma, depending on the sign of slip and z.
-    #[inline]
+    #[inline(always)]
     fn shape(&self, slip: D, z: D) -> (D, D) {
         let (magnitude, loading) = match z.re() {
             re if re > 0.0 => (z, slip.re() >= 0.0),
@@ -187,7 +180,7 @@ impl<D: Real> Damper<D> {
     /// ```text
     /// W k1 = f(s)      W k2 = f(s + h k1) - 2 k1      s + h (3 k1 + k2) / 2,      W = 1 - d h df/ds
     /// ```
-    #[inline]
+    #[inline(always)]
     fn advance(&self, [r, z]: [D; 2], v: [D; 2], h: f64) -> [D; 2] {
         let slip = self.slip(r, z, v[0]);
         let (power, shape) = self.shape(slip, z);
@@ -223,7 +216,7 @@ impl<D: Real> Damper<D> {
 
     /// Limits z to its bound, which the exact solution never crosses outwards. If the slope of z is steep, a step
     /// from z = 0 (whose curvature is not in df/ds there) would overshoot far.
-    #[inline]
+    #[inline(always)]
     fn bounded(&self, z: D, before: D) -> D {
         let limit = if before.re() > self.bound.re() { before } else { self.bound };
         if z.re() > limit.re() {
@@ -236,7 +229,7 @@ impl<D: Real> Damper<D> {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn absolute<D: Real>(z: D) -> D {
     if z.re() < 0.0 { -z } else { z }
 }

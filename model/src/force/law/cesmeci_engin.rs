@@ -18,12 +18,12 @@
 //!
 //! Source: `[cesmeci2010]` in the bibliography (node/docs/guide/bibliography.md), equation 2.6 of the thesis.
 
-use super::{Branch, Inputs, MemorylessLaw, Parameter, Scalar, Scale};
+use super::{Branch, Inputs, MemorylessLaw, Parameter, Real, Scale};
 use std::f64::consts::FRAC_2_PI;
 
 /// sgn(a), with sgn(0) = 1; NaN if the acceleration is not known.
 #[inline]
-fn direction(inputs: &Inputs) -> f64 {
+fn direction<D: Real>(inputs: &Inputs<D>) -> f64 {
     match Branch::of(inputs) {
         Some(Branch::Rising) => 1.0,
         Some(Branch::Falling) => -1.0,
@@ -45,7 +45,7 @@ impl MemorylessLaw for CesmeciEngin {
     ];
 
     #[inline]
-    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>) -> D {
         let (v, a) = (inputs.velocity_m_s, inputs.acceleration_m_s2);
         let shifted = -p[3] * direction(inputs) + v;
         p[0] * v + p[1] * FRAC_2_PI * (p[2] * shifted).atan() + p[4] * a

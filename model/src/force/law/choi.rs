@@ -18,7 +18,7 @@
 //!
 //! Source: `[choi2001]` in the bibliography (node/docs/guide/bibliography.md), equation 2.7 of the thesis.
 
-use super::{Branch, Inputs, MemorylessLaw, Parameter, Scalar, Scale};
+use super::{Branch, Inputs, MemorylessLaw, Parameter, Real, Scale};
 
 /// Number of coefficients of a branch.
 const TERMS: usize = 7;
@@ -50,7 +50,7 @@ impl MemorylessLaw for Choi {
     ];
 
     #[inline]
-    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>) -> D {
         let branch = match Branch::of(inputs) {
             Some(Branch::Rising) => &p[..TERMS],
             Some(Branch::Falling) => &p[TERMS..],

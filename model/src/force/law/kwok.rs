@@ -18,7 +18,7 @@
 //!
 //! Source: `[kwok2006]` in the bibliography (node/docs/guide/bibliography.md), equation 2.4 of the thesis.
 
-use super::{Inputs, MemorylessLaw, Parameter, Scalar, Scale, sign};
+use super::{Inputs, MemorylessLaw, Parameter, Real, Scale, sign};
 
 pub(super) struct Kwok;
 
@@ -33,9 +33,9 @@ impl MemorylessLaw for Kwok {
     ];
 
     #[inline]
-    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>) -> D {
         let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-        p[0] * v + p[1] * x + p[2] * (p[3] * v + p[4] * sign(x)).tanh()
+        p[0] * v + p[1] * x + p[2] * (p[3] * v + p[4] * sign(x.re())).tanh()
     }
 
     #[inline]

@@ -19,7 +19,7 @@
 //!
 //! Source: `[li2009]` in the bibliography (node/docs/guide/bibliography.md), equation 2.5 of the thesis.
 
-use super::{Branch, Inputs, MemorylessLaw, Parameter, Scalar, Scale};
+use super::{Branch, Inputs, MemorylessLaw, Parameter, Real, Scale};
 use std::ops::Range;
 
 const FORCE: Scale = Scale::new(1, 0, 0, 0);
@@ -30,7 +30,7 @@ const STIFFNESS: Scale = Scale::new(1, -1, 0, 0);
 
 /// Index range of the branch's parameters; `None` if the acceleration is not known.
 #[inline]
-fn branch(inputs: &Inputs) -> Option<Range<usize>> {
+fn branch<D: Real>(inputs: &Inputs<D>) -> Option<Range<usize>> {
     Branch::of(inputs).map(|branch| match branch {
         Branch::Rising => 0..5,
         Branch::Falling => 5..10,
@@ -55,7 +55,7 @@ impl MemorylessLaw for Li {
     ];
 
     #[inline]
-    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>) -> D {
         let Some(branch) = branch(inputs) else { return D::from(f64::NAN) };
         let p = &p[branch];
         let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);

@@ -10,7 +10,7 @@
 //! | k | `stiffness_n_m` | N/m | force by displacement |
 //! | x, v | inputs | m, m/s | displacement and velocity, positive in extension |
 
-use super::{Inputs, MemorylessLaw, Parameter, Scalar, Scale};
+use super::{Inputs, MemorylessLaw, Parameter, Real, Scale};
 
 pub(super) struct Linear;
 
@@ -22,7 +22,7 @@ impl MemorylessLaw for Linear {
     ];
 
     #[inline]
-    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>) -> D {
         p[0] * inputs.velocity_m_s + p[1] * inputs.displacement_m
     }
 

@@ -22,36 +22,12 @@
 //!
 //! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equations 4.5 (polynomials) and 4.8 (sets) of the thesis.
 
-mod jet;
-
 use super::Inputs;
 use super::dependence::Dependence;
+use super::jet::{Jet, Real};
 use super::sets::MAX_FUNCTIONS;
 use super::tanh::tanh;
 use crate::error::Error;
-use jet::{Jet, Real};
-#[cfg(test)]
-use num_dual::Dual64;
-use std::ops::Add;
-
-/// Number type of the laws without memory: `f64`, or a dual number in tests of the derivatives.
-trait Scalar: Real + Add<f64, Output = Self> {
-    /// tanh; for `f64`, the fast one of this crate and not the standard library's.
-    fn tanh(self) -> Self;
-    fn atan(self) -> Self;
-}
-
-impl Scalar for f64 {
-    #[inline]
-    fn tanh(self) -> Self {
-        tanh(self)
-    }
-
-    #[inline]
-    fn atan(self) -> Self {
-        self.atan()
-    }
-}
 
 /// Largest number of parameters of a law.
 pub const MAX_PARAMETERS: usize = 14;
@@ -70,17 +46,13 @@ trait Law {
     const HAS_MEMORY: bool;
 
     /// See [`ForceLaw::force_n`].
-    fn force_n(p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64;
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>, hidden: &mut Hidden<D>) -> D;
 
     /// See [`ForceLaw::gradient`].
     fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64;
 
     /// See [`ForceLaw::sensitivity`].
     fn sensitivity(p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> Sensitivity;
-
-    /// [`Law::force_n`] on dual numbers, for tests of the derivatives.
-    #[cfg(test)]
-    fn on_duals(p: &[Dual64], inputs: &Inputs, hidden: &mut [Dual64; MAX_HIDDEN]) -> Dual64;
 }
 
 /// A force law whose force depends on the present sample only.
@@ -91,7 +63,7 @@ trait MemorylessLaw {
     const PARAMETERS: &'static [Parameter];
 
     /// Force, N. Not finite if a needed input is not finite.
-    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D;
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>) -> D;
 
     /// See [`ForceLaw::gradient`].
     fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64;
@@ -103,7 +75,7 @@ impl<L: MemorylessLaw> Law for L {
     const HAS_MEMORY: bool = false;
 
     #[inline]
-    fn force_n(p: &[f64], inputs: &Inputs, _: &mut Hidden) -> f64 {
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>, _: &mut Hidden<D>) -> D {
         L::force_n(p, inputs)
     }
 
@@ -117,11 +89,6 @@ impl<L: MemorylessLaw> Law for L {
         let mut found = Sensitivity::default();
         found.force_n = L::gradient(p, inputs, &mut found.force_by_parameter);
         found
-    }
-
-    #[cfg(test)]
-    fn on_duals(p: &[Dual64], inputs: &Inputs, _: &mut [Dual64; MAX_HIDDEN]) -> Dual64 {
-        L::force_n(p, inputs)
     }
 }
 
@@ -140,7 +107,7 @@ fn first_gradient<L: Law>(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f
 fn by_jets<const N: usize, const DIRECTIONS: usize>(
     p: &[f64],
     hidden: &mut Hidden,
-    step: impl FnOnce(&[Jet<DIRECTIONS>], &mut [Jet<DIRECTIONS>; MAX_HIDDEN]) -> Jet<DIRECTIONS>,
+    step: impl FnOnce(&[Jet<DIRECTIONS>], &mut Hidden<Jet<DIRECTIONS>>) -> Jet<DIRECTIONS>,
 ) -> Sensitivity {
     let mut found = Sensitivity::default();
     let n = p.len();
@@ -148,7 +115,7 @@ fn by_jets<const N: usize, const DIRECTIONS: usize>(
     for (j, (jet, value)) in q.iter_mut().zip(p).enumerate() {
         *jet = Jet::variable(*value, j);
     }
-    let mut next: [Jet<DIRECTIONS>; MAX_HIDDEN] = std::array::from_fn(|h| Jet::variable(hidden[h], n + h));
+    let mut next: Hidden<Jet<DIRECTIONS>> = std::array::from_fn(|h| Jet::variable(hidden[h], n + h));
     let force = step(&q, &mut next);
     found.force_n = force.re;
     found.force_by_parameter[..n].copy_from_slice(&force.by[..n]);
@@ -227,6 +194,12 @@ macro_rules! laws {
             #[inline]
             #[must_use]
             pub fn force_n(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64 {
+                self.force_on(p, inputs, hidden)
+            }
+
+            /// [`ForceLaw::force_n`] on numbers of any type.
+            #[inline]
+            pub(crate) fn force_on<D: Real>(self, p: &[D], inputs: &Inputs<D>, hidden: &mut Hidden<D>) -> D {
                 match self {
                     $(Self::$law => <$file::$law as Law>::force_n(p, inputs, hidden),)+
                 }
@@ -252,14 +225,6 @@ macro_rules! laws {
             pub fn sensitivity(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> Sensitivity {
                 match self {
                     $(Self::$law => <$file::$law as Law>::sensitivity(p, inputs, hidden),)+
-                }
-            }
-
-            /// [`ForceLaw::force_n`] on dual numbers.
-            #[cfg(test)]
-            fn on_duals(self, p: &[Dual64], inputs: &Inputs, hidden: &mut [Dual64; MAX_HIDDEN]) -> Dual64 {
-                match self {
-                    $(Self::$law => <$file::$law as Law>::on_duals(p, inputs, hidden),)+
                 }
             }
         }
@@ -378,7 +343,7 @@ impl Scale {
 }
 
 /// Hidden variables of a law with memory, from sample to sample; zeros for a law without memory.
-pub type Hidden = [f64; MAX_HIDDEN];
+pub type Hidden<R = f64> = [R; MAX_HIDDEN];
 
 impl ForceLaw {
     /// The law called `name`.
@@ -430,8 +395,8 @@ enum Branch {
 impl Branch {
     /// `None` if the acceleration is not known.
     #[inline]
-    fn of(inputs: &Inputs) -> Option<Self> {
-        let a = inputs.acceleration_m_s2;
+    fn of<D: Real>(inputs: &Inputs<D>) -> Option<Self> {
+        let a = inputs.acceleration_m_s2.re();
         (!a.is_nan()).then_some(if a < 0.0 { Self::Falling } else { Self::Rising })
     }
 }
@@ -473,8 +438,21 @@ pub struct LawModel {
 
 /// State of a [`LawModel`]: the hidden variables of each set.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct LawState {
-    hidden: [Hidden; MAX_FUNCTIONS],
+pub struct LawState<R = f64> {
+    hidden: [Hidden<R>; MAX_FUNCTIONS],
+}
+
+impl<R> LawState<R> {
+    /// The hidden variables of a model with one set of parameters.
+    #[inline]
+    pub(super) const fn first(&self) -> &Hidden<R> {
+        &self.hidden[0]
+    }
+
+    #[inline]
+    pub(super) const fn first_mut(&mut self) -> &mut Hidden<R> {
+        &mut self.hidden[0]
+    }
 }
 
 impl LawModel {
@@ -539,6 +517,11 @@ impl LawModel {
         self.law.parameters().len() * self.dependence.copies()
     }
 
+    /// True if one set of hidden variables is its whole state, as it is without fuzzy sets.
+    pub(super) const fn has_one_state(&self) -> bool {
+        !matches!(self.dependence, Dependence::Fuzzy(_))
+    }
+
     /// Force offset of the session, N.
     #[must_use]
     pub const fn force_offset_n(&self) -> f64 {
@@ -554,13 +537,13 @@ impl LawModel {
 
     /// Parameters at drive `i`, for a model with polynomials or a passive one.
     #[inline]
-    fn parameters_at(&self, i: f64) -> [f64; MAX_PARAMETERS] {
+    fn parameters_at<R: Real>(&self, coefficients: &[R], i: R) -> [R; MAX_PARAMETERS] {
         let n = self.law.parameters().len();
-        let mut p = [0.0; MAX_PARAMETERS];
+        let mut p = [R::from(0.0); MAX_PARAMETERS];
         // Horner's rule, from the highest power down.
-        for copy in self.coefficients().chunks_exact(n).rev() {
+        for copy in coefficients.chunks_exact(n).rev() {
             for (value, coefficient) in p.iter_mut().zip(copy) {
-                *value = *value * i + coefficient;
+                *value = *value * i + *coefficient;
             }
         }
         p
@@ -570,27 +553,37 @@ impl LawModel {
     #[inline]
     #[must_use]
     pub fn force_n(&self, inputs: &Inputs, state: &mut LawState) -> f64 {
+        self.force_on(self.coefficients(), inputs, state)
+    }
+
+    /// [`LawModel::force_n`] with `coefficients` in place of its own, on numbers of any type.
+    #[inline]
+    pub(crate) fn force_on<R: Real>(
+        &self,
+        coefficients: &[R],
+        inputs: &Inputs<R>,
+        state: &mut LawState<R>,
+    ) -> R {
         let n = self.law.parameters().len();
         let force = match &self.dependence {
-            Dependence::None => self.law.force_n(&self.coefficients[..n], inputs, &mut state.hidden[0]),
+            Dependence::None => self.law.force_on(&coefficients[..n], inputs, &mut state.hidden[0]),
             Dependence::Polynomial { .. } => {
-                let p = self.parameters_at(inputs.drive);
-                self.law.force_n(&p[..n], inputs, &mut state.hidden[0])
+                let p = self.parameters_at(coefficients, inputs.drive);
+                self.law.force_on(&p[..n], inputs, &mut state.hidden[0])
             }
             Dependence::Fuzzy(sets) if self.law.has_memory() => {
-                let weights = sets.weights(inputs.drive);
-                let functions = self.coefficients().chunks_exact(n).zip(&mut state.hidden);
+                let weights = sets.strengths(inputs.drive).shares();
+                let functions = coefficients.chunks_exact(n).zip(&mut state.hidden);
                 // A set with zero weight does not contribute, even if its force is not finite; but its hidden
                 // variables advance.
-                let said = |((p, hidden), weight): ((&[f64], &mut Hidden), f64)| {
-                    let own_n = self.law.force_n(p, inputs, hidden);
-                    if weight == 0.0 { 0.0 } else { weight * own_n }
-                };
-                functions.zip(weights).map(said).sum()
+                functions.zip(weights).fold(R::from(0.0), |sum, ((p, hidden), weight)| {
+                    let own_n = self.law.force_on(p, inputs, hidden);
+                    if weight.is_zero() { sum } else { sum + weight * own_n }
+                })
             }
             Dependence::Fuzzy(sets) => sets.strengths(inputs.drive).mean(|set| {
-                let p = &self.coefficients[set * n..][..n];
-                self.law.force_n(p, inputs, &mut Hidden::default())
+                let p = &coefficients[set * n..][..n];
+                self.law.force_on(p, inputs, &mut [R::from(0.0); MAX_HIDDEN])
             }),
         };
         force + self.force_offset_n

@@ -19,7 +19,7 @@
 //!
 //! Source: `[guo2006]` in the bibliography (node/docs/guide/bibliography.md), equations 2.3 and 4.5 of the thesis.
 
-use super::{Inputs, MemorylessLaw, Parameter, Scalar, Scale};
+use super::{Inputs, MemorylessLaw, Parameter, Real, Scale};
 
 pub(super) struct Sp;
 
@@ -34,7 +34,7 @@ impl MemorylessLaw for Sp {
     ];
 
     #[inline]
-    fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+    fn force_n<D: Real>(p: &[D], inputs: &Inputs<D>) -> D {
         let u = p[3] / p[4] * inputs.displacement_m + inputs.velocity_m_s;
         p[0] * (p[2] * u).tanh() + p[1] * u
     }

@@ -1,0 +1,290 @@
+//! A value with its derivatives in several directions at once, for the derivatives of a simulation.
+//!
+//! Laws, models and effects are written for any number type that is [`Real`]: `f64` in a simulation, [`Jet`] where derivatives are needed.
+//! All directions share one pass, including its powers and logarithms. The vector dual numbers of `num-dual` do the same, in three times
+//! the time (node/docs/decisions/0013-explicit-derivatives.md).
+//!
+//! A comparison uses the values alone. The derivative then belongs to the branch that was taken, which is exact except where two branches
+//! meet.
+
+use super::tanh;
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// Number type of a step: `f64` in a simulation, [`Jet`] for derivatives.
+pub(crate) trait Real:
+    Copy
+    + PartialEq
+    + From<f64>
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + Add<f64, Output = Self>
+    + Sub<f64, Output = Self>
+    + Mul<f64, Output = Self>
+    + Div<f64, Output = Self>
+{
+    /// The value alone.
+    fn re(self) -> f64;
+    fn exp(self) -> Self;
+    /// e^x - 1, exact for small x.
+    fn exp_m1(self) -> Self;
+    fn ln(self) -> Self;
+    /// tanh; for `f64`, the fast one of this crate and not the standard library's.
+    fn tanh(self) -> Self;
+    fn atan(self) -> Self;
+
+    /// True for the constant zero: the value is zero, and so are its derivatives.
+    #[inline]
+    fn is_zero(self) -> bool {
+        self == Self::from(0.0)
+    }
+
+    #[inline]
+    fn abs(self) -> Self {
+        if self.re() < 0.0 { -self } else { self }
+    }
+
+    /// The larger of two values; the other one if one of them is NaN.
+    #[inline]
+    fn max(self, other: Self) -> Self {
+        if self.re() >= other.re() || other.re().is_nan() { self } else { other }
+    }
+
+    /// The smaller of two values; the other one if one of them is NaN.
+    #[inline]
+    fn min(self, other: Self) -> Self {
+        if self.re() <= other.re() || other.re().is_nan() { self } else { other }
+    }
+
+    /// The value, or the bound that it lies beyond. NaN stays NaN.
+    #[inline]
+    fn clamp(self, low: f64, high: f64) -> Self {
+        if self.re() < low {
+            Self::from(low)
+        } else if self.re() > high {
+            Self::from(high)
+        } else {
+            self
+        }
+    }
+}
+
+impl Real for f64 {
+    #[inline]
+    fn re(self) -> f64 {
+        self
+    }
+
+    #[inline]
+    fn exp(self) -> Self {
+        self.exp()
+    }
+
+    #[inline]
+    fn exp_m1(self) -> Self {
+        self.exp_m1()
+    }
+
+    #[inline]
+    fn ln(self) -> Self {
+        self.ln()
+    }
+
+    #[inline]
+    fn tanh(self) -> Self {
+        tanh(self)
+    }
+
+    #[inline]
+    fn atan(self) -> Self {
+        self.atan()
+    }
+
+    #[inline]
+    fn abs(self) -> Self {
+        self.abs()
+    }
+
+    #[inline]
+    fn max(self, other: Self) -> Self {
+        self.max(other)
+    }
+
+    #[inline]
+    fn min(self, other: Self) -> Self {
+        self.min(other)
+    }
+
+    #[inline]
+    fn clamp(self, low: f64, high: f64) -> Self {
+        self.clamp(low, high)
+    }
+}
+
+/// A value and its derivatives in `N` directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Jet<const N: usize> {
+    pub(crate) re: f64,
+    pub(crate) by: [f64; N],
+}
+
+impl<const N: usize> Jet<N> {
+    /// `re` as the variable of `direction`.
+    #[inline]
+    pub(crate) fn variable(re: f64, direction: usize) -> Self {
+        let mut jet = Self::from(re);
+        jet.by[direction] = 1.0;
+        jet
+    }
+
+    /// A value `re` whose derivatives are `a` times the derivatives of `self`.
+    #[inline]
+    fn chain(mut self, re: f64, a: f64) -> Self {
+        self.by.iter_mut().for_each(|d| *d *= a);
+        Self { re, by: self.by }
+    }
+
+    /// A value `re` whose derivatives are `a` times the derivatives of `self` plus `b` times the derivatives
+    /// of `other`.
+    #[inline]
+    fn blend(mut self, other: &Self, re: f64, a: f64, b: f64) -> Self {
+        for (d, e) in self.by.iter_mut().zip(&other.by) {
+            *d = *d * a + *e * b;
+        }
+        Self { re, by: self.by }
+    }
+}
+
+impl<const N: usize> Default for Jet<N> {
+    #[inline]
+    fn default() -> Self {
+        Self::from(0.0)
+    }
+}
+
+impl<const N: usize> From<f64> for Jet<N> {
+    #[inline]
+    fn from(re: f64) -> Self {
+        Self { re, by: [0.0; N] }
+    }
+}
+
+impl<const N: usize> Real for Jet<N> {
+    #[inline]
+    fn re(self) -> f64 {
+        self.re
+    }
+
+    #[inline]
+    fn exp(self) -> Self {
+        let e = self.re.exp();
+        self.chain(e, e)
+    }
+
+    #[inline]
+    fn exp_m1(self) -> Self {
+        let less = self.re.exp_m1();
+        self.chain(less, less + 1.0)
+    }
+
+    #[inline]
+    fn ln(self) -> Self {
+        self.chain(self.re.ln(), self.re.recip())
+    }
+
+    #[inline]
+    fn tanh(self) -> Self {
+        let t = tanh(self.re);
+        self.chain(t, 1.0 - t * t)
+    }
+
+    #[inline]
+    fn atan(self) -> Self {
+        self.chain(self.re.atan(), (1.0 + self.re * self.re).recip())
+    }
+}
+
+impl<const N: usize> Add for Jet<N> {
+    type Output = Self;
+
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        self.blend(&other, self.re + other.re, 1.0, 1.0)
+    }
+}
+
+impl<const N: usize> Sub for Jet<N> {
+    type Output = Self;
+
+    #[inline]
+    fn sub(self, other: Self) -> Self {
+        self.blend(&other, self.re - other.re, 1.0, -1.0)
+    }
+}
+
+impl<const N: usize> Mul for Jet<N> {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, other: Self) -> Self {
+        self.blend(&other, self.re * other.re, other.re, self.re)
+    }
+}
+
+impl<const N: usize> Div for Jet<N> {
+    type Output = Self;
+
+    #[inline]
+    fn div(self, other: Self) -> Self {
+        let inverse = other.re.recip();
+        let re = self.re / other.re;
+        self.blend(&other, re, inverse, -re * inverse)
+    }
+}
+
+impl<const N: usize> Neg for Jet<N> {
+    type Output = Self;
+
+    #[inline]
+    fn neg(self) -> Self {
+        self.chain(-self.re, -1.0)
+    }
+}
+
+impl<const N: usize> Add<f64> for Jet<N> {
+    type Output = Self;
+
+    #[inline]
+    fn add(self, constant: f64) -> Self {
+        Self { re: self.re + constant, by: self.by }
+    }
+}
+
+impl<const N: usize> Sub<f64> for Jet<N> {
+    type Output = Self;
+
+    #[inline]
+    fn sub(self, constant: f64) -> Self {
+        Self { re: self.re - constant, by: self.by }
+    }
+}
+
+impl<const N: usize> Mul<f64> for Jet<N> {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, factor: f64) -> Self {
+        self.chain(self.re * factor, factor)
+    }
+}
+
+impl<const N: usize> Div<f64> for Jet<N> {
+    type Output = Self;
+
+    #[inline]
+    fn div(self, divisor: f64) -> Self {
+        self.chain(self.re / divisor, divisor.recip())
+    }
+}
