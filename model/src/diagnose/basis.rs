@@ -28,6 +28,11 @@ impl Basis {
         basis
     }
 
+    /// The columns.
+    pub(super) fn into_columns(self) -> Vec<Vec<f64>> {
+        self.columns
+    }
+
     /// Adds the part of `column` that is orthogonal to the basis, unless the column is dependent.
     fn push(&mut self, mut column: Vec<f64>) {
         let length = dot(&column, &column).sqrt();

@@ -75,6 +75,11 @@ impl Blocks {
         self.count
     }
 
+    /// Block of each row.
+    pub(super) fn of_row(&self) -> &[usize] {
+        &self.of_row
+    }
+
     /// Sums of the products of `a` and `b`, block by block.
     pub(super) fn sums(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; self.count];

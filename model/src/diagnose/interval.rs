@@ -1,18 +1,27 @@
 //! The 95 % interval of each parameter of an effect.
 //!
 //! ```text
-//! chance      = t95 sd(S_b) sqrt(B) / g'g            S_b = sum of g r over block b of B
-//! shift_v     = -g'd_v / g'g                         d_v: change of the simulated force under variant v
+//! chance      = t95 sqrt((B - 1)/B sum over b of out_b^2)        out_b: change of p when block b of B is left out
+//! shift_v     = -g'd_v / g'g                                     d_v: change of the simulated force under variant v
 //! interval    = p + sum_v m_v shift_v  +-  sqrt(chance^2 + sum_v (w_v shift_v)^2),   extended to p
 //! ```
 //!
 //! g is the derivative of the simulated force by the parameter p, projected off the derivatives by all other numbers of the model, and r
-//! the residual. The scatter over blocks shows chance only. Other errors shift a parameter by the same amount on every block: how the
+//! the residual. With Q, the derivatives by all numbers made orthonormal, g the last, and Q_b and r_b the rows of block b,
+//!
+//! ```text
+//! out_b       = - last of (I - Q_b'Q_b)^-1 Q_b'r_b, divided by the length of g
+//! ```
+//!
+//! A fit with many numbers follows each block in part. The sum of g r over a block is too small for that reason, most of all where a block
+//! contains much of what determines a number, as few changes of the current do. Leaving the block out undoes that.
+//!
+//! The scatter over blocks shows chance only. Other errors shift a parameter by the same amount on every block: how the
 //! recorded channels are read between their samples, how velocity is computed, and noise in the inputs. [`super::variants`] gives the
 //! changes of force d_v, and the share m_v +- w_v of each that may be real. The shift is what one step of least squares would do. For even
 //! stamps it is g'r / g'g, with g and r of the changed rows.
 //!
-//! Source: sums over blocks as in `[ibragimov2010]` in the bibliography (node/docs/guide/bibliography.md). Independent
+//! Source: the jackknife over blocks, CR3 in `[mackinnon2023]` in the bibliography (node/docs/guide/bibliography.md). Independent
 //! uncertainties add in quadrature: Guide to the Expression of Uncertainty in Measurement (JCGM 100:2008, 5.1.2).
 
 use super::basis::Basis;
@@ -25,6 +34,10 @@ use crate::effect::Parameter;
 use crate::error::Error;
 use crate::identify::Dataset;
 use crate::statistics::block_sums::t95;
+use nalgebra::{DMatrix, DVector};
+
+/// Added to the unit matrix without the part of a block, which is singular if that block alone determines a number.
+const ALONE: f64 = 1e-6;
 
 /// The parts of an interval.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -94,14 +107,14 @@ impl<'a> Intervals<'a> {
 
     /// The interval of the number with the derivative `column`, found as `value`.
     fn ci95(&self, column: usize, value: f64) -> [f64; 2] {
-        let own = own(&self.columns, column);
+        let (basis, own) = own(&self.columns, column);
         let information = dot(&own, &own);
         let residual_n = &self.fitted.residual_n;
         let series: Vec<f64> = own.iter().zip(residual_n).map(|(g, r)| g * r).collect();
-        let sums = Blocks::against(self.joint.rows, &series, self.block_s).sums(&own, residual_n);
-        let count = sums.len() as f64;
-        let chance =
-            t95(sums.len()) * (dot(&sums, &sums) * count / (count - 1.0).max(1.0)).sqrt() / information;
+        let blocks = Blocks::against(self.joint.rows, &series, self.block_s);
+        let out = left_out(basis, &own, residual_n, &blocks);
+        let count = out.len() as f64;
+        let chance = t95(out.len()) * (dot(&out, &out) * (count - 1.0).max(1.0) / count).sqrt();
         let (mut middle, mut squares) = (value, chance * chance);
         for change in &self.changes {
             let shift = -dot(&own, &change.force_n) / information;
@@ -109,7 +122,7 @@ impl<'a> Intervals<'a> {
             squares += (change.margin * shift).powi(2);
         }
         if let Some(even) = &self.on_even_stamps {
-            let own = self::own(&even.columns, column);
+            let (_, own) = self::own(&even.columns, column);
             let power = dot(&own, &own);
             let shift = if power > 0.0 { dot(&own, &even.residual_n) / power } else { 0.0 };
             let [share, margin] = variants::EVEN_STAMPS;
@@ -121,12 +134,36 @@ impl<'a> Intervals<'a> {
     }
 }
 
-/// Column number `column`, projected off the others.
-fn own(columns: &[Vec<f64>], column: usize) -> Vec<f64> {
+/// The basis of all columns but number `column`, and that column projected off it.
+fn own(columns: &[Vec<f64>], column: usize) -> (Basis, Vec<f64>) {
     let others = columns.iter().enumerate().filter(|(k, _)| *k != column).map(|(_, c)| c.clone());
     let mut own = columns[column].clone();
-    Basis::of(others).take_out(&mut own);
-    own
+    let basis = Basis::of(others);
+    basis.take_out(&mut own);
+    (basis, own)
+}
+
+/// Change of the number whose derivative has the part `own` to itself, when each of `blocks` in turn is left out. `basis` spans the other
+/// derivatives.
+fn left_out(basis: Basis, own: &[f64], residual_n: &[f64], blocks: &Blocks) -> Vec<f64> {
+    let length = dot(own, own).sqrt();
+    let mut columns = basis.into_columns();
+    columns.push(own.iter().map(|value| value / length).collect());
+    let n = columns.len();
+    let mut squares = vec![DMatrix::<f64>::identity(n, n); blocks.count()];
+    let mut sums = vec![DVector::<f64>::zeros(n); blocks.count()];
+    let mut row = DVector::<f64>::zeros(n);
+    for (k, (r, block)) in residual_n.iter().zip(blocks.of_row()).enumerate() {
+        row.iter_mut().zip(&columns).for_each(|(value, column)| *value = column[k]);
+        squares[*block].ger(-1.0, &row, &row, 1.0);
+        sums[*block].axpy(*r, &row, 1.0);
+    }
+    let out = |(mut square, sum): (DMatrix<f64>, DVector<f64>)| {
+        // A direction that one block alone determines has no sum in it, and no part in the change.
+        (0..n).for_each(|j| square[(j, j)] += ALONE);
+        square.cholesky().map_or(0.0, |factors| -factors.solve(&sum)[n - 1] / length)
+    };
+    squares.into_iter().zip(sums).map(out).collect()
 }
 
 /// `fitted` on the same rows with even stamps; `None` if they are even, or if the simulation is not finite there.

@@ -6,15 +6,15 @@
 //!
 //! | variant | change | share that may be real |
 //! |---|---|---|
-//! | finer steps | one row is added in the middle of each step, with displacement, velocity, acceleration, drive and temperature straight between samples | 0.5 to 2.5 |
-//! | held drive | the same, but the drive has its new value from the middle of the step on | -2 to 2 |
-//! | steady drive | the median of five drives, which keeps steps and removes noise | 0.4 to 2.4 |
+//! | finer steps | each step is divided into four, with displacement, velocity, acceleration, drive and temperature straight between samples | 0.7 to 1.7 |
+//! | held drive | the same, but the drive has its new value from the first part on | -1.33 to 1.33 |
+//! | steady drive | the median of five drives, which keeps steps and removes noise; a drive that is further from it than noise is, such as a short pulse, stays | 0.4 to 2.4 |
 //! | steady motion | displacement from a parabola through five displacements | 1 to 3 |
 //! | other derivative | velocity and acceleration from a parabola through five displacements | -0.5 to 1.5 |
 //! | even stamps ([`even_stamps`]) | the same, with even steps in place of the recorded ones, where these differ | 0 to 1.2 |
 //!
-//! Half the step halves an error of first order and quarters one of second order, so the whole error is 2 or 4/3 of the change. A held drive
-//! comes half a step earlier or later than a straight one, which is twice the change to either side. Noise in an input shifts a parameter
+//! A quarter of the step leaves 1/4 of an error of first order and 1/16 of one of second order, so the whole error is 4/3 or 16/15 of the
+//! change. A held drive comes half a step earlier or later than a straight one, which is 4/3 of the change to either side. Noise in an input shifts a parameter
 //! by its variance; the median of five leaves 0.29 of the variance and the parabola 0.49, so the whole shift is 1.4 and 2 times the change.
 //! The three-point derivative and the parabola err in opposite directions, so the truth lies between them or near one.
 //! If stamps jitter, either the samples were taken at these instants, or they were taken at even ones and stamped late. Derivatives
@@ -29,6 +29,8 @@ use rayon::prelude::*;
 
 /// Rows to either side of a row that the parabola and the median use.
 const REACH: usize = 2;
+/// Parts of a step where steps are finer.
+const PARTS: usize = 4;
 /// Largest relative difference between the steps of a parabola.
 const EVEN: f64 = 0.1;
 /// Rows to either side of a row whose mean step is the even step.
@@ -49,8 +51,8 @@ struct Variant {
 }
 
 const VARIANTS: [Variant; 5] = [
-    Variant { change: finer, from: None, share: 1.5, margin: 1.0 },
-    Variant { change: held, from: Some(0), share: 0.0, margin: 2.0 },
+    Variant { change: finer, from: None, share: 1.2, margin: 0.5 },
+    Variant { change: held, from: Some(0), share: 0.0, margin: 4.0 / 3.0 },
     Variant { change: steady_drive, from: None, share: 1.4, margin: 1.0 },
     Variant { change: steady_motion, from: None, share: 2.0, margin: 1.0 },
     Variant { change: other_derivative, from: None, share: 0.5, margin: 1.0 },
@@ -84,48 +86,60 @@ pub(super) fn changes(rows: &Rows, model: &Augmented, predicted_n: &[f64]) -> Ve
     VARIANTS.iter().zip(&forces).filter_map(change).collect()
 }
 
-/// One row more in the middle of each step; the drive there is `drive(before, after)`.
-fn halved(dataset: &Dataset, drive: fn(f64, f64) -> f64) -> Dataset {
-    let mut rows: Vec<Row> = Vec::with_capacity(2 * dataset.rows.len());
-    for row in &dataset.rows {
+/// Each step in [`PARTS`] equal parts; the drive at the rows in between is `drive(before, after, share)`, given the share of the step.
+fn divided(dataset: &Dataset, drive: fn(f64, f64, f64) -> f64) -> Dataset {
+    let all = &dataset.rows;
+    let mut rows: Vec<Row> = Vec::with_capacity(PARTS * all.len());
+    for row in all {
         let (Some(dt_s), Some(before)) = (row.dt_s, rows.last().copied()) else {
             rows.push(*row);
             continue;
         };
-        let half_s = Some(0.5 * dt_s);
+        let part_s = Some(dt_s / PARTS as f64);
         // The first row of a segment has no acceleration.
         let before_m_s2 =
             Some(before.acceleration_m_s2).filter(|a| a.is_finite()).unwrap_or(row.acceleration_m_s2);
-        rows.push(Row {
-            dt_s: half_s,
-            displacement_m: f64::midpoint(before.displacement_m, row.displacement_m),
-            velocity_m_s: f64::midpoint(before.velocity_m_s, row.velocity_m_s),
-            acceleration_m_s2: f64::midpoint(before_m_s2, row.acceleration_m_s2),
-            drive: drive(before.drive, row.drive),
-            case_temp_c: f64::midpoint(before.case_temp_c, row.case_temp_c),
-            counts: false,
-            ..*row
-        });
-        rows.push(Row { dt_s: half_s, ..*row });
+        for part in 1..PARTS {
+            let share = part as f64 / PARTS as f64;
+            rows.push(Row {
+                dt_s: part_s,
+                displacement_m: straight(before.displacement_m, row.displacement_m, share),
+                velocity_m_s: straight(before.velocity_m_s, row.velocity_m_s, share),
+                acceleration_m_s2: straight(before_m_s2, row.acceleration_m_s2, share),
+                drive: drive(before.drive, row.drive, share),
+                case_temp_c: straight(before.case_temp_c, row.case_temp_c, share),
+                counts: false,
+                ..*row
+            });
+        }
+        rows.push(Row { dt_s: part_s, ..*row });
     }
     Dataset { rows, name: dataset.name.clone(), ..*dataset }
 }
 
+fn straight(before: f64, after: f64, share: f64) -> f64 {
+    before + share * (after - before)
+}
+
+/// True if all rows but the first come one step after the row before, up to [`EVEN`].
+fn even(rows: &[Row]) -> bool {
+    let Some(step_s) = rows.last().and_then(|row| row.dt_s) else { return false };
+    rows[1..].iter().all(|row| row.dt_s.is_some_and(|dt_s| (dt_s - step_s).abs() <= EVEN * step_s))
+}
+
 fn finer(dataset: &Dataset) -> Dataset {
-    halved(dataset, f64::midpoint)
+    divided(dataset, straight)
 }
 
 fn held(dataset: &Dataset) -> Dataset {
-    halved(dataset, |_, after| after)
+    divided(dataset, |_, after, _| after)
 }
 
 /// `dataset` with each row that has enough neighbours at even distance replaced by `with(neighbours, step in s)`.
 fn smoothed(dataset: &Dataset, with: impl Fn(&[Row; 2 * REACH + 1], f64) -> Row) -> Dataset {
     let mut rows = dataset.rows.clone();
     for (row, near) in rows.iter_mut().skip(REACH).zip(dataset.rows.array_windows()) {
-        let Some(step_s) = row.dt_s else { continue };
-        let even = |row: &Row| row.dt_s.is_some_and(|dt_s| (dt_s - step_s).abs() <= EVEN * step_s);
-        if near[1..].iter().all(even) {
+        if let Some(step_s) = row.dt_s.filter(|_| even(near)) {
             *row = with(near, step_s);
         }
     }
@@ -133,11 +147,25 @@ fn smoothed(dataset: &Dataset, with: impl Fn(&[Row; 2 * REACH + 1], f64) -> Row)
 }
 
 fn steady_drive(dataset: &Dataset) -> Dataset {
+    let noise = drive_noise(&dataset.rows);
     smoothed(dataset, |near, _| {
-        let mut drives = near.map(|row| row.drive);
-        drives.sort_by(f64::total_cmp);
-        Row { drive: drives[REACH], ..near[REACH] }
+        let (drive, median) = (near[REACH].drive, median_drive(near));
+        Row { drive: if (drive - median).abs() > noise { drive } else { median }, ..near[REACH] }
     })
+}
+
+fn median_drive(near: &[Row; 2 * REACH + 1]) -> f64 {
+    let mut drives = near.map(|row| row.drive);
+    drives.sort_by(f64::total_cmp);
+    drives[REACH]
+}
+
+/// Largest distance of a drive from the median of five that noise gives. Nine of ten are nearer than a third of it.
+fn drive_noise(rows: &[Row]) -> f64 {
+    let mut apart: Vec<f64> =
+        rows.array_windows().map(|near| (near[REACH].drive - median_drive(near)).abs()).collect();
+    let at = apart.len() * 9 / 10;
+    if apart.is_empty() { 0.0 } else { 3.0 * *apart.select_nth_unstable_by(at, f64::total_cmp).1 }
 }
 
 /// Displacement, velocity and acceleration from a parabola through five displacements.
@@ -207,15 +235,17 @@ mod tests {
     fn finer_rows_keep_stamps_and_times_and_held_drives_come_early() {
         let all = dataset(|t| 0.01 * (20.0 * t).sin(), |k| (k / 20) as f64 * 0.1);
         let (finer, held) = (finer(&all), held(&all));
-        assert_eq!(finer.rows.len(), 2 * all.rows.len() - 1);
+        assert_eq!(finer.rows.len(), PARTS * (all.rows.len() - 1) + 1);
         let time_s = |rows: &[Row]| rows.iter().filter_map(|row| row.dt_s).sum::<f64>();
         assert!((time_s(&finer.rows) - time_s(&all.rows)).abs() < 1e-12);
-        assert!(finer.rows.iter().skip(2).step_by(2).zip(&all.rows[1..]).all(|(a, b)| a.drive == b.drive));
+        let recorded = finer.rows.iter().step_by(PARTS);
+        assert!(recorded.zip(&all.rows).all(|(a, b)| a.drive == b.drive));
         let [before, after] = [all.rows[100], all.rows[101]].map(|row| row.acceleration_m_s2);
-        assert_eq!(finer.rows[201].acceleration_m_s2, f64::midpoint(before, after));
+        let middle = finer.rows[PARTS * 100 + PARTS / 2].acceleration_m_s2;
+        assert!((middle - f64::midpoint(before, after)).abs() < 1e-12);
         assert!(finer.rows[1].acceleration_m_s2.is_finite(), "although the first row lacks one");
         let earlier = held.rows.iter().zip(&finer.rows).filter(|(h, f)| h.drive > f.drive).count();
-        assert_eq!(earlier, 9, "one added row at each step of the current");
+        assert_eq!(earlier, 9 * (PARTS - 1), "all added rows at each step of the current");
     }
 
     #[test]
@@ -237,10 +267,26 @@ mod tests {
         assert!(found.dt_s.is_some_and(|dt_s| (dt_s - STEP_S).abs() < 1e-9), "{found:?}");
     }
 
+    /// A step of 0.5 A, and a pulse of two samples.
+    fn clean_a(k: usize) -> f64 {
+        if (40..42).contains(&k) { 2.0 } else { 0.5 + 0.5 * (k / 100) as f64 }
+    }
+
     #[test]
-    fn a_parabola_is_kept_and_one_wrong_drive_is_removed() {
-        let all = dataset(|t| 0.3 * t * t, |k| if k == 100 { 2.0 } else { 1.0 });
-        assert!(steady_drive(&all).rows.iter().all(|row| row.drive == 1.0));
+    fn a_steady_drive_has_less_noise_and_the_same_steps_and_pulses() {
+        // One sample of three is 1 mA lower than the others.
+        let all = dataset(|_| 0.0, |k| clean_a(k) + 1e-3 * ((k * k) % 3) as f64);
+        let steady = steady_drive(&all);
+        // The first sample has no velocity, and gives no row.
+        let off_a = |(k, row): (usize, &Row)| row.drive - clean_a(k + 1);
+        assert!(steady.rows.iter().enumerate().map(off_a).all(|off| (-1e-9..1.001e-3).contains(&off)));
+        let changes = |rows: &[Row]| rows.array_windows().filter(|[a, b]| a.drive != b.drive).count();
+        assert!(changes(&all.rows) > 120 && changes(&steady.rows) < 20, "{}", changes(&steady.rows));
+    }
+
+    #[test]
+    fn a_parabola_is_kept() {
+        let all = dataset(|t| 0.3 * t * t, |_| 1.0);
         for (row, was) in steady_motion(&all).rows.iter().zip(&all.rows) {
             assert!((row.displacement_m - was.displacement_m).abs() < 1e-12);
         }
