@@ -74,7 +74,12 @@ impl Definition for CoilLagRiseFall {
     };
 
     #[inline]
-    fn step<R: Number>(values: Values<R>, state: &mut EffectState<R>, inputs: &Inputs<R>, inside: &mut Inside<R>) -> Option<R> {
+    fn step<R: Number>(
+        values: Values<R>,
+        state: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         step(values, state, inputs, inside)
     }
 }

@@ -34,7 +34,12 @@ impl Definition for Inertia {
     };
 
     #[inline]
-    fn step<R: Number>([mass_kg, ..]: Values<R>, _: &mut EffectState<R>, inputs: &Inputs<R>, inside: &mut Inside<R>) -> Option<R> {
+    fn step<R: Number>(
+        [mass_kg, ..]: Values<R>,
+        _: &mut EffectState<R>,
+        inputs: &Inputs<R>,
+        inside: &mut Inside<R>,
+    ) -> Option<R> {
         let force_n = inside.run(inputs)?;
         // Without a mass no acceleration is needed.
         if mass_kg.is_zero() { Some(force_n) } else { Some(force_n + mass_kg * inputs.acceleration_m_s2) }

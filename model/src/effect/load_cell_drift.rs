@@ -51,7 +51,8 @@ impl Definition for LoadCellDrift {
         inside: &mut Inside<R>,
     ) -> Option<R> {
         // Time also advances at samples without a force.
-        state.held[0] = state.elapsed.hit(inputs.dt_s).map_or(R::from(0.0), |since_s| state.held[0] + since_s);
+        state.held[0] =
+            state.elapsed.hit(inputs.dt_s).map_or(R::from(0.0), |since_s| state.held[0] + since_s);
         let time_s = state.held[0];
         Some(inside.run(inputs)? + rate_n_s * time_s)
     }
