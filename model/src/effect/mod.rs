@@ -94,7 +94,7 @@
 //!
 //! State goes into `state`: two first-order lags, three numbers and a delay line; `state.force_inside` and `state.drive` give the time
 //! since the last valid sample. The step is written for any number type `R`, so that a diagnosis has its derivatives: a comparison uses the
-//! values ([`crate::force::jet`]). Model file, pipeline, diagnosis, inverse controller, reports and the tests for all effects then include it.
+//! values (`model/src/force/jet.rs`). Model file, pipeline, diagnosis, inverse controller, reports and the tests for all effects then include it.
 
 mod definition;
 mod parts;
