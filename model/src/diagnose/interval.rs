@@ -159,9 +159,10 @@ fn left_out(basis: Basis, own: &[f64], residual_n: &[f64], blocks: &Blocks) -> V
         sums[*block].axpy(*r, &row, 1.0);
     }
     let out = |(mut square, sum): (DMatrix<f64>, DVector<f64>)| {
-        // A direction that one block alone determines has no sum in it, and no part in the change.
+        // A direction that one block alone determines has no sum in it, and no part in the change. Without a solution, for instance because a
+        // derivative is not finite, nothing is known of the number.
         (0..n).for_each(|j| square[(j, j)] += ALONE);
-        square.cholesky().map_or(0.0, |factors| -factors.solve(&sum)[n - 1] / length)
+        square.cholesky().map_or(f64::INFINITY, |factors| -factors.solve(&sum)[n - 1] / length)
     };
     squares.into_iter().zip(sums).map(out).collect()
 }
