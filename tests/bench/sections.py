@@ -202,11 +202,13 @@ def closing():
         model = folder / "base.toml"
         if not model.exists():
             run(BINARY, "--quiet", "identify", "--model", "fuzzy-tanh", base, "--out", model)
-        command = [BINARY, "--quiet", "close", "--base", model, "--fixed-base", "--estimate", estimate, "--confirm", confirm, "--test", sealed]
-        for ids in candidates if seconds == 30 else [[]]:
-            only = ["--effects", ",".join(ids)] if ids else []
-            found.append({"run_s": seconds, "effects": ids, **used(*command, *only, "--out", folder / "closed.toml")})
-            say(f"   3 runs of {seconds} s, {', '.join(ids) or 'the whole library'}: {found[-1]['seconds']:.1f} s")
+        command = [BINARY, "--quiet", "close", "--base", model, "--estimate", estimate, "--confirm", confirm, "--test", sealed]
+        jobs = [(True, ids) for ids in (candidates if seconds == 30 else [[]])] + [(False, [])]
+        for fixed, ids in jobs:
+            options = [*(["--fixed-base"] if fixed else []), *(["--effects", ",".join(ids)] if ids else [])]
+            took = used(*command, *options, "--out", folder / "closed.toml")
+            found.append({"run_s": seconds, "fixed": fixed, "effects": ids, **took})
+            say(f"   3 runs of {seconds} s, {' '.join(options) or 'structure chosen'}: {found[-1]['seconds']:.1f} s")
     return found
 
 
