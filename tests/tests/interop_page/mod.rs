@@ -156,7 +156,9 @@ fn a_browser_uploads_a_run_replays_it_diagnoses_it_and_shows_the_report() {
             |id: &str, text: &str| format!("document.querySelector('{id}')?.textContent.includes('{text}')");
         // The element may appear later.
         let click = |id: &str| {
-            format!("(() => {{ const found = document.querySelector('{id}'); found?.click(); return found !== null; }})()")
+            format!(
+                "(() => {{ const found = document.querySelector('{id}'); found?.click(); return found !== null; }})()"
+            )
         };
         let steps = [
             told("#upload-told", "lags.csv is uploaded"),
