@@ -90,7 +90,7 @@ pub(crate) fn found(result: &DiagnosisResult, drive: Option<DriveKind>) -> Marku
         } @else {
             div.named { (table(&columns, &rows)) }
             ul { @for named in &result.effects { li { (sentence(named)) } } }
-            p.lead { "Intervals come from sums over blocks of seconds, because neighbouring samples are not independent; p is "
+            p.lead { "Intervals come from blocks of seconds that are left out in turn, because neighbouring samples are not independent; p is "
                 "corrected for all effects that were tried. " em { "Removed, training" } " is the share of the reducible error (above the noise "
                 "floor) on the training runs, " em { "removed, validation" } " the mean share of the squared error on the validation runs." }
         }
