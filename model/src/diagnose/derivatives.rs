@@ -50,9 +50,10 @@ pub(super) fn columns(
 
 /// The model at `at` with one direction for each of `numbers`; `None` if its base has no derivatives.
 fn on_jets(space: &Space, at: &[f64], numbers: &[usize]) -> Option<AugmentedOnJets<DIRECTIONS>> {
+    // Coefficients of a base that is not refitted are not among the numbers of the space.
+    let fixed = space.fixed();
     AugmentedOnJets::new(&space.model(at)?, |number, value| {
-        // Coefficients of a base that is not refitted are not among the numbers of the space.
-        let number = number.checked_sub(space.fixed());
+        let number = number.checked_sub(fixed);
         match numbers.iter().position(|j| Some(*j) == number) {
             Some(direction) => Jet::variable(value, direction),
             None => Jet::from(value),

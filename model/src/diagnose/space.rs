@@ -10,7 +10,7 @@ use super::ranges::Ranges;
 use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::{DiagnosisError, Error};
 use crate::force::law::Kind;
-use crate::force::{Dependence, ForceLaw, ForceModel, FuzzyTanh, LawModel, TanhFunction};
+use crate::force::{Dependence, ForceLaw, ForceModel, LawModel, TanhFunction};
 use crate::identify::Scales;
 
 /// Step of a finite difference, relative to the coefficient of the base.
@@ -78,7 +78,7 @@ impl Space {
 
     /// Number of coefficients of the base that do not belong to the space.
     pub(super) fn fixed(&self) -> usize {
-        if self.coefficients.is_empty() { self.base.coefficients().map_or(0, |all| all.len()) } else { 0 }
+        if self.coefficients.is_empty() { self.base.parameter_count() } else { 0 }
     }
 
     /// Bounds of each number: for a coefficient the bounds of its search, for an effect's parameter its physical range extended to
@@ -137,7 +137,7 @@ impl Space {
     /// The model with these numbers; `None` if they are not valid.
     pub(super) fn model(&self, values: &[f64]) -> Option<Augmented> {
         let (base, mut rest) = values.split_at(self.of_base());
-        let force = if base.is_empty() { self.base } else { with_coefficients(&self.base, base)? };
+        let force = if base.is_empty() { self.base } else { self.base.with_coefficients(base)? };
         let mut effects = Vec::with_capacity(self.effects.len());
         for effect in &self.effects {
             let (own, others) = rest.split_at(effect.parameters().len());
@@ -197,20 +197,6 @@ fn of_law(model: &LawModel, scales: &Scales) -> Vec<Coefficient> {
     model.coefficients().iter().enumerate().map(coefficient).collect()
 }
 
-fn with_coefficients(base: &ForceModel, values: &[f64]) -> Option<ForceModel> {
-    match base {
-        ForceModel::FuzzyTanh(fuzzy) => {
-            let functions: Vec<TanhFunction> =
-                values.as_chunks().0.iter().copied().map(TanhFunction::new).collect();
-            FuzzyTanh::new(*fuzzy.sets(), &functions, fuzzy.force_offset_n()).ok().map(ForceModel::FuzzyTanh)
-        }
-        ForceModel::Law(law) => LawModel::new(law.law(), *law.dependence(), values, law.force_offset_n())
-            .ok()
-            .map(ForceModel::Law),
-        _ => None,
-    }
-}
-
 /// `model` with one more effect, inserted by its place in the damper.
 pub(super) fn with_effect(model: &Augmented, effect: EffectModel) -> Result<Augmented, Error> {
     let mut effects = model.effects().as_slice().to_vec();
@@ -229,7 +215,7 @@ pub(super) fn without_effect(model: &Augmented, index: usize) -> Result<Augmente
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::force::{FuzzySets, MaxwellSlip, Membership, SlipFunction, SlipGrid};
+    use crate::force::{FuzzySets, FuzzyTanh, MaxwellSlip, Membership, SlipFunction, SlipGrid};
     use crate::sample::DriveKind;
 
     const SCALES: Scales = Scales {

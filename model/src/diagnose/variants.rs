@@ -88,9 +88,8 @@ pub(super) fn changes(rows: &Rows, model: &Augmented, predicted_n: &[f64]) -> Ve
 
 /// Each step in [`PARTS`] equal parts; the drive at the rows in between is `drive(before, after, share)`, given the share of the step.
 fn divided(dataset: &Dataset, drive: fn(f64, f64, f64) -> f64) -> Dataset {
-    let all = &dataset.rows;
-    let mut rows: Vec<Row> = Vec::with_capacity(PARTS * all.len());
-    for row in all {
+    let mut rows: Vec<Row> = Vec::with_capacity(PARTS * dataset.rows.len());
+    for row in &dataset.rows {
         let (Some(dt_s), Some(before)) = (row.dt_s, rows.last().copied()) else {
             rows.push(*row);
             continue;

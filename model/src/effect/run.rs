@@ -5,7 +5,7 @@ use super::parts::{Coefficients, Elapsed, Lag, Ring};
 use super::{Effect, Layer, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need, sensor_delay};
 use crate::error::{Error, ForceError};
 use crate::force::jet::{Jet, Real};
-use crate::force::{ForceModel, ForceOnJets, FreeRun, FuzzyTanhAlong, Inputs, LawState, Number};
+use crate::force::{ForceModel, ForceOnJets, FreeRun, FuzzyTanhAlong, Inputs, Kept, LawState, Number};
 
 /// An effect with its parameters, ready to run. `R` is `f64`, except inside of this crate, where it may carry derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -167,7 +167,7 @@ impl<'a, R: Number> Inside<'a, R> {
     /// Trial steps of one sample, each of which can be undone.
     #[inline]
     pub(super) fn trials(&mut self) -> Trials<'_, 'a, R> {
-        let free = R::keep(self.force, self.free);
+        let free = Kept::of(self.force, self.free);
         Trials { free, states: KeptEffects::of(self.states), inside: self, stepped: false }
     }
 
@@ -181,7 +181,7 @@ impl<'a, R: Number> Inside<'a, R> {
 /// Trial steps of the model inside. Each starts from the state before the sample; the state after the last one is kept.
 pub(super) struct Trials<'a, 'b, R: Number> {
     inside: &'a mut Inside<'b, R>,
-    free: R::Kept,
+    free: Kept<R>,
     states: KeptEffects<R>,
     stepped: bool,
 }
@@ -191,7 +191,7 @@ impl<R: Number> Trials<'_, '_, R> {
     #[inline]
     pub(super) fn step(&mut self, inputs: &Inputs<R>) -> Option<R> {
         if self.stepped {
-            R::restore(&self.free, self.inside.free);
+            self.free.restore(self.inside.free);
             self.states.restore(self.inside.states);
         }
         self.stepped = true;
@@ -496,13 +496,12 @@ impl<const N: usize> AugmentedOnJets<N> {
     /// parameters of each effect. `None` if the force model has no derivatives by its coefficients.
     pub(crate) fn new(model: &Augmented, mut jet: impl FnMut(usize, f64) -> Jet<N>) -> Option<Self> {
         let mut index = 0..;
-        let mut next = |value: &f64| index.next().map(|index| jet(index, *value)).unwrap_or_default();
-        let force = model.force();
-        let force = ForceOnJets::new(force, force.coefficients()?.iter().map(&mut next).collect())?;
+        let mut next = |value: f64| index.next().map(|index| jet(index, value)).unwrap_or_default();
+        let force = ForceOnJets::new(model.force(), &mut next)?;
         let mut effects = Vec::with_capacity(model.effects().len);
         for effect in model.effects().as_slice() {
             let mut parameters = [Jet::default(); MAX_EFFECT_PARAMETERS];
-            parameters.iter_mut().zip(effect.parameters()).for_each(|(jet, value)| *jet = next(value));
+            parameters.iter_mut().zip(effect.parameters()).for_each(|(jet, value)| *jet = next(*value));
             effects.push(EffectModel { effect: effect.effect, parameters });
         }
         Some(Self { force, effects })

@@ -36,7 +36,7 @@ pub use maxwell_slip::{
 pub use network::{
     MAX_NETWORK_HIDDEN, MAX_NETWORK_INPUTS, Network, NetworkScaling, NetworkStructure, Normalisation,
 };
-pub(crate) use on_jets::{ForceOnJets, Number};
+pub(crate) use on_jets::{ForceOnJets, Kept, Number};
 pub use phase::{ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase};
 pub(crate) use sets::blend;
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
@@ -198,6 +198,21 @@ impl ForceModel {
                 Some(fuzzy.functions().iter().flat_map(TanhFunction::numbers).collect())
             }
             Self::Law(model) => Some(model.coefficients().to_vec()),
+            _ => None,
+        }
+    }
+
+    /// The same model with other `values` of [`ForceModel::coefficients`]; `None` if they are not valid.
+    pub(crate) fn with_coefficients(&self, values: &[f64]) -> Option<Self> {
+        match self {
+            Self::FuzzyTanh(fuzzy) => {
+                let functions: Vec<TanhFunction> =
+                    values.as_chunks().0.iter().copied().map(TanhFunction::new).collect();
+                FuzzyTanh::new(*fuzzy.sets(), &functions, fuzzy.force_offset_n()).ok().map(Self::FuzzyTanh)
+            }
+            Self::Law(law) => {
+                LawModel::new(law.law(), *law.dependence(), values, law.force_offset_n()).ok().map(Self::Law)
+            }
             _ => None,
         }
     }

@@ -13,19 +13,14 @@ pub(crate) trait Number: Real {
     type Force;
     /// Its state.
     type State: Copy + Default;
-    /// The part of a state that the model uses.
-    type Kept: Copy;
     /// An error of a force, relative to |force| + 1 N, that one more secant step makes exact.
     const SOLVED: f64;
 
     /// See [`ForceModel::free_run`].
     fn free_run(force: &Self::Force, state: &mut Self::State, inputs: &Inputs<Self>) -> Option<Self>;
 
-    /// The part of `state` that the model uses.
-    fn keep(force: &Self::Force, state: &Self::State) -> Self::Kept;
-
-    /// Brings back what [`Number::keep`] kept.
-    fn restore(kept: &Self::Kept, state: &mut Self::State);
+    /// The state of a law.
+    fn law(state: &mut Self::State) -> &mut LawState<Self>;
 
     /// See [`ForceModel::along`].
     fn along(force: &Self::Force, drive: f64) -> Option<FuzzyTanhAlong<'_>>;
@@ -36,31 +31,31 @@ pub(crate) trait Number: Real {
 
 /// The part of a state that a model uses. A whole state takes kilobytes, so copies of it would take longer than a step.
 #[allow(clippy::large_enum_variant, reason = "a box would allocate")]
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Kept<R, S> {
+pub(crate) enum Kept<R: Number> {
     /// A model without memory.
     Nothing,
     /// A law with one set of parameters.
     Law(Hidden<R>),
-    Everything(S),
+    Everything(R::State),
 }
 
-impl<R: Copy, S: Copy> Kept<R, S> {
-    /// The part of `state` that `model` uses; `law` gives the state of a law in it.
+impl<R: Number> Kept<R> {
+    /// The part of `state` that the model uses.
     #[inline]
-    fn of(model: &ForceModel, state: &S, law: impl Fn(&S) -> &LawState<R>) -> Self {
-        match model {
+    pub(crate) fn of(force: &R::Force, state: &mut R::State) -> Self {
+        match R::model(force) {
             model if !model.remembers() => Self::Nothing,
-            ForceModel::Law(model) if model.has_one_state() => Self::Law(*law(state).first()),
+            ForceModel::Law(model) if model.has_one_state() => Self::Law(*R::law(state).first()),
             _ => Self::Everything(*state),
         }
     }
 
+    /// Brings it back.
     #[inline]
-    fn restore(&self, state: &mut S, law: impl Fn(&mut S) -> &mut LawState<R>) {
+    pub(crate) fn restore(&self, state: &mut R::State) {
         match self {
             Self::Nothing => {}
-            Self::Law(hidden) => *law(state).first_mut() = *hidden,
+            Self::Law(hidden) => *R::law(state).first() = *hidden,
             Self::Everything(all) => *state = *all,
         }
     }
@@ -69,7 +64,6 @@ impl<R: Copy, S: Copy> Kept<R, S> {
 impl Number for f64 {
     type Force = ForceModel;
     type State = FreeRun;
-    type Kept = Kept<Self, FreeRun>;
     /// Scores are differences of forces and need them to one part in 1e10.
     const SOLVED: f64 = 1e-7;
 
@@ -79,13 +73,8 @@ impl Number for f64 {
     }
 
     #[inline]
-    fn keep(force: &ForceModel, state: &FreeRun) -> Self::Kept {
-        Kept::of(force, state, |state| &state.law)
-    }
-
-    #[inline]
-    fn restore(kept: &Self::Kept, state: &mut FreeRun) {
-        kept.restore(state, |state| &mut state.law);
+    fn law(state: &mut FreeRun) -> &mut LawState {
+        &mut state.law
     }
 
     #[inline]
@@ -108,16 +97,15 @@ pub(crate) struct ForceOnJets<const N: usize> {
 }
 
 impl<const N: usize> ForceOnJets<N> {
-    /// `model` with `coefficients`, in the order of [`ForceModel::coefficients`] and as many; `None` if the model has no list of them.
-    pub(crate) fn new(model: &ForceModel, coefficients: Vec<Jet<N>>) -> Option<Self> {
-        (model.coefficients()?.len() == coefficients.len()).then_some(Self { model: *model, coefficients })
+    /// `model` with each coefficient as `jet` makes it; `None` if the model has no list of them.
+    pub(crate) fn new(model: &ForceModel, jet: impl FnMut(f64) -> Jet<N>) -> Option<Self> {
+        Some(Self { model: *model, coefficients: model.coefficients()?.into_iter().map(jet).collect() })
     }
 }
 
 impl<const N: usize> Number for Jet<N> {
     type Force = ForceOnJets<N>;
     type State = LawState<Self>;
-    type Kept = Kept<Self, LawState<Self>>;
     /// Derivatives are not differences, and a fit needs them to a part in a thousand.
     const SOLVED: f64 = 1e-4;
 
@@ -135,13 +123,8 @@ impl<const N: usize> Number for Jet<N> {
     }
 
     #[inline]
-    fn keep(force: &ForceOnJets<N>, state: &LawState<Self>) -> Self::Kept {
-        Kept::of(&force.model, state, |state| state)
-    }
-
-    #[inline]
-    fn restore(kept: &Self::Kept, state: &mut LawState<Self>) {
-        kept.restore(state, |state| state);
+    fn law(state: &mut LawState<Self>) -> &mut LawState<Self> {
+        state
     }
 
     #[inline]

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::force::jet::Jet;
-use crate::force::{FuzzySets, FuzzyTanh, Membership, TanhFunction};
+use crate::force::{FuzzySets, Membership};
 
 /// Directions of one pass.
 const DIRECTIONS: usize = 8;
@@ -40,20 +40,7 @@ fn numbers(model: &Augmented) -> Vec<f64> {
 /// `model` with other numbers.
 fn rebuilt(model: &Augmented, numbers: &[f64]) -> Augmented {
     let (own, mut rest) = numbers.split_at(model.force().parameter_count());
-    let force = match model.force() {
-        ForceModel::Law(old) => {
-            let law = LawModel::new(old.law(), *old.dependence(), own, OFFSET_N).expect("a law");
-            ForceModel::Law(law)
-        }
-        ForceModel::FuzzyTanh(old) => {
-            let functions: Vec<TanhFunction> =
-                own.as_chunks().0.iter().copied().map(TanhFunction::new).collect();
-            ForceModel::FuzzyTanh(
-                FuzzyTanh::new(*old.sets(), &functions, old.force_offset_n()).expect("functions"),
-            )
-        }
-        _ => unreachable!("it has coefficients"),
-    };
+    let force = model.force().with_coefficients(own).expect("coefficients");
     let mut effects = Vec::new();
     for effect in model.effects().as_slice() {
         let (parameters, others) = rest.split_at(effect.parameters().len());

@@ -445,12 +445,7 @@ pub struct LawState<R = f64> {
 impl<R> LawState<R> {
     /// The hidden variables of a model with one set of parameters.
     #[inline]
-    pub(super) const fn first(&self) -> &Hidden<R> {
-        &self.hidden[0]
-    }
-
-    #[inline]
-    pub(super) const fn first_mut(&mut self) -> &mut Hidden<R> {
+    pub(super) const fn first(&mut self) -> &mut Hidden<R> {
         &mut self.hidden[0]
     }
 }
