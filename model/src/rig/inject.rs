@@ -8,6 +8,7 @@
 use super::channel::Channels;
 use super::plant::{Plant, PlantState, ValveForm};
 use super::second_order::SecondOrder;
+use super::undeclared;
 use crate::error::{Error, RigError};
 
 /// An effect that can be injected.
@@ -39,15 +40,21 @@ enum Entry {
 }
 
 /// Greatest number of effects.
-const MOST_EFFECTS: usize = 32;
+const MOST_EFFECTS: usize = 40;
 
 const _: () = assert!(EFFECTS.len() <= MOST_EFFECTS);
 
 /// Forces that injected effects add to the rod force. By default there are none.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AddedForces {
     /// Sizes of the effects, in the order of [`EFFECTS`]; 0 without the effect.
     sizes: [f64; MOST_EFFECTS],
+}
+
+impl Default for AddedForces {
+    fn default() -> Self {
+        Self { sizes: [0.0; MOST_EFFECTS] }
+    }
 }
 
 impl AddedForces {
@@ -64,7 +71,8 @@ impl AddedForces {
 const GAS_STROKE_M: f64 = 0.025;
 
 /// All effects: first the effects of the effect library in its order, then effects that only the rig has. The library does not contain
-/// the last four, so a correct diagnosis does not name an effect for them.
+/// `position_ripple` and the effects after it, so a correct diagnosis does not name an effect for them. The equations of those from
+/// `seal_drag` on are in [`super::undeclared`].
 pub const EFFECTS: &[Effect] = &[
     Effect {
         id: "coil_lag",
@@ -251,6 +259,102 @@ pub const EFFECTS: &[Effect] = &[
         typical: 0.25,
         what: "share of the yield force lost by wear from a third of the run on",
         entry: Entry::Plant(|plant, size| plant.wear = size),
+    },
+    Effect {
+        id: "seal_drag",
+        unit: "N",
+        range: (0.0, 500.0),
+        typical: 40.0,
+        what: "drag of the rod seal at 0.1 m/s; it grows with the velocity to the power of 0.4",
+        entry: Entry::RodForce(undeclared::seal_drag_n),
+    },
+    Effect {
+        id: "stray_field",
+        unit: "N/A2",
+        range: (-200.0, 200.0),
+        typical: 10.0,
+        what: "pull of the coil's stray field on the load cell, proportional to the square of the current",
+        entry: Entry::RodForce(undeclared::stray_field_n),
+    },
+    Effect {
+        id: "mount_resonance",
+        unit: "-",
+        range: (0.0, 1.0),
+        typical: 0.5,
+        what: "share of the force that passes through a resonance of the mount at 32 Hz",
+        entry: Entry::Plant(|plant, size| plant.undeclared.mount_resonance = size),
+    },
+    Effect {
+        id: "bore_score",
+        unit: "-",
+        range: (0.0, 0.4),
+        typical: 0.2,
+        what: "share of the valve's force lost at a score of the cylinder, 2 mm to either side of 3 mm",
+        entry: Entry::Plant(|plant, size| plant.undeclared.bore_score = size),
+    },
+    Effect {
+        id: "thixotropy",
+        unit: "-",
+        range: (0.0, 0.9),
+        typical: 0.7,
+        what: "share by which the yield force grows at rest; it builds in 0.3 s and breaks over 5 mm",
+        entry: Entry::Plant(|plant, size| plant.undeclared.thixotropy = size),
+    },
+    Effect {
+        id: "wall_slip",
+        unit: "-",
+        range: (0.0, 0.9),
+        typical: 0.3,
+        what: "share of the yield force lost where velocity times current is above 0.08 A m/s",
+        entry: Entry::Plant(|plant, size| plant.undeclared.wall_slip = size),
+    },
+    Effect {
+        id: "aeration",
+        unit: "-",
+        range: (0.0, 0.9),
+        typical: 0.15,
+        what: "share of the valve's force lost after fast strokes; the gas separates in 1.5 s",
+        entry: Entry::Plant(|plant, size| plant.undeclared.aeration = size),
+    },
+    Effect {
+        id: "cavitation",
+        unit: "-",
+        range: (0.0, 0.9),
+        typical: 0.1,
+        what: "share of the extension stroke above 300 N that the next compression makes with little force",
+        entry: Entry::Plant(|plant, size| plant.undeclared.cavitation = size),
+    },
+    Effect {
+        id: "seal_blowout",
+        unit: "-",
+        range: (0.0, 0.9),
+        typical: 0.15,
+        what: "share of the valve's compression force lost after the rod has travelled 0.5 m",
+        entry: Entry::Plant(|plant, size| plant.undeclared.seal_blowout = size),
+    },
+    Effect {
+        id: "relief_valve",
+        unit: "-",
+        range: (0.0, 0.9),
+        typical: 0.3,
+        what: "share of the valve's force above 500 N that a relief valve removes",
+        entry: Entry::Plant(|plant, size| plant.undeclared.relief_valve = size),
+    },
+    Effect {
+        id: "core_saturation",
+        unit: "1/A",
+        range: (0.0, 5.0),
+        typical: 0.5,
+        what: "reciprocal of the current at which the core saturates",
+        entry: Entry::Plant(|plant, size| plant.undeclared.core_saturation_per_a = size),
+    },
+    Effect {
+        id: "current_sensor_creep",
+        unit: "-",
+        range: (0.0, 1.0),
+        typical: 0.2,
+        what: "growth of the current sensor's gain until its auto-zero every 7 s; the coil has less current",
+        entry: Entry::Plant(|plant, size| plant.undeclared.current_sensor_creep = size),
     },
 ];
 

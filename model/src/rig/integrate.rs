@@ -73,11 +73,11 @@ impl<'a> Integrator<'a> {
         let heat = force * v_start + plant.coil_ohm * state.driver_a * state.driver_a;
         let lost = plant.heat_transfer_w_k * (t - plant.ambient_c);
 
-        let start = plant.valve(state).scaled(plant.lean(x_start, v_start));
+        let start = plant.valve_at(state, x_start, v_start);
         self.half_lag(state, command_a);
-        let middle = plant.valve(state).scaled(plant.lean(x_middle, v_middle));
+        let middle = plant.valve_at(state, x_middle, v_middle);
         self.half_lag(state, command_a);
-        let end = plant.valve(state).scaled(plant.lean(x_end, v_end));
+        let end = plant.valve_at(state, x_end, v_end);
 
         let h = self.step_s;
         let instants = [(x_start, &start), (x_middle, &middle), (x_end, &end)];
@@ -92,6 +92,7 @@ impl<'a> Integrator<'a> {
             }
         }
         state.temperature_c = t + h * (heat - lost) / plant.heat_capacity_j_k;
+        plant.undeclared.step(&mut state.undeclared, h, v_start, force);
     }
 
     /// One sub-step of a valve with the rates `rates` of dashpot, displacement behind the compliance and hysteresis.
@@ -117,9 +118,10 @@ impl<'a> Integrator<'a> {
         let toward = command_a - state.driver_a;
         let driver_middle = command_a - toward * self.driver_quarter;
         state.driver_a = command_a - toward * self.driver_half;
-        let gap = driver_middle - state.effective_a;
+        let coil_a = driver_middle * self.plant.undeclared.coil_share(&state.undeclared);
+        let gap = coil_a - state.effective_a;
         let kept = if gap > 0.0 { self.rise_half } else { self.fall_half };
-        state.effective_a = driver_middle - gap * kept;
+        state.effective_a = coil_a - gap * kept;
         let (low, high) =
             (state.effective_a - self.plant.remanence_a, state.effective_a + self.plant.remanence_a);
         // Not `clamp`, which panics if a bound is NaN.

@@ -30,6 +30,7 @@ pub mod replicate;
 pub mod response;
 pub mod second_order;
 pub mod signal;
+pub mod undeclared;
 pub mod wave;
 
 pub use bristle::Bristle;
@@ -79,7 +80,8 @@ pub struct Shown {
 
 /// Moves `plant` by `motion` with the current from `controller`, which returns for each sample the current until the next one, in
 /// amperes. Its measurements have the noise, quantisation and offsets of `channels`. The filters and delays of the channels, and the
-/// plant's inertia, force loss and force lag, are left out, because they are computed over whole runs. Starts at rest without current.
+/// plant's inertia, mount resonance, force loss and force lag, are left out, because they are computed over whole runs. Starts at rest
+/// without current.
 ///
 /// ```
 /// use mr_damper_model::rig::response::Response;

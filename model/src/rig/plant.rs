@@ -29,7 +29,7 @@
 //! in parallel with the valve. The valve can be replaced by [`super::quasi_static`] or [`super::bristle`]; everything around it stays the same. The compliance
 //! ks of fluid and mounting is in series with the valve. The dependence of the parameters on current is chosen here. The default has no
 //! play, friction, gas spring, fluid lag or any other effect whose parameter is 0 in [`Plant::default`]: these can be injected
-//! ([`super::inject`]).
+//! ([`super::inject`]). The effects of [`super::undeclared`] replace further terms.
 //! See `[spencer1996]` in the bibliography (node/docs/guide/bibliography.md), equation 2.2 of the thesis.
 
 use super::bristle::Bristle;
@@ -38,6 +38,7 @@ use super::integrate::{Integrator, Stroke};
 use super::quasi_static::QuasiStatic;
 use super::response::Response;
 use super::signal::{Motion, RATE_HZ};
+use super::undeclared::{Undeclared, UndeclaredState};
 use crate::Error;
 use std::f64::consts::TAU;
 
@@ -190,6 +191,8 @@ pub struct Plant {
     pub wear: f64,
     /// Share of the rod force that is lost from the middle of the run to its end.
     pub force_loss: f64,
+    /// Further effects that the effect library does not contain.
+    pub undeclared: Undeclared,
 }
 
 impl Default for Plant {
@@ -232,6 +235,7 @@ impl Default for Plant {
             position_ripple: 0.0,
             wear: 0.0,
             force_loss: 0.0,
+            undeclared: Undeclared::default(),
         }
     }
 }
@@ -257,6 +261,8 @@ pub struct PlantState {
     pub temperature_c: f64,
     /// Share of the yield force that remains after wear.
     pub yield_share: f64,
+    /// State of the effects in [`Plant::undeclared`].
+    pub undeclared: UndeclaredState,
 }
 
 impl Plant {
@@ -388,6 +394,7 @@ impl Plant {
         ] {
             Error::check(name, value, "a finite number", |_| true)?;
         }
+        self.undeclared.check()?;
         self.check_valve_form()
     }
 
@@ -420,13 +427,15 @@ impl Plant {
         const RESERVE: f64 = 1.5;
         // Asymmetry softens one direction and position one side; 40 mm is more than any stroke here.
         let lean = 1.0 - self.asymmetry.abs() - 0.04 * self.position_per_m.abs();
-        let softest = (lean * (1.0 - self.position_ripple.abs())).max(LEAST_LEAN);
+        let softest = lean * (1.0 - self.position_ripple.abs()) * (1.0 - self.undeclared.bore_score);
+        let softest = softest.max(LEAST_LEAN);
         let reserve = RESERVE.max(1.05 / softest);
         (0..=50).all(|tenths| {
             let at_rest = self.at_rest(0.0, f64::from(tenths) / 10.0);
             let valve = self.valve(&PlantState { temperature_c: self.reference_c, ..at_rest });
             let compliance = self.series_stiffness_n_m * (1.0 / valve.viscous + 1.0 / valve.roll_off);
-            let hysteresis = (valve.yield_n / self.yield_stroke_m + self.inner_stiffness_n_m) / valve.viscous;
+            let yield_n = valve.yield_n * (1.0 + self.undeclared.thixotropy);
+            let hysteresis = (yield_n / self.yield_stroke_m + self.inner_stiffness_n_m) / valve.viscous;
             reserve * (compliance + hysteresis) < LIMIT * RATE_HZ * f64::from(SUB_STEPS)
         })
     }
@@ -444,11 +453,12 @@ impl Plant {
             fluid_a: current_a,
             temperature_c: self.start_c,
             yield_share: 1.0,
+            undeclared: UndeclaredState::START,
         }
     }
 
-    /// Rod force in newtons at `state`, displacement `x_m` and velocity `v_m_s`. Inertia, force loss and force lag are not included,
-    /// because they need more than one instant.
+    /// Rod force in newtons at `state`, displacement `x_m` and velocity `v_m_s`. Inertia, mount resonance, force loss and force lag are
+    /// not included, because they need more than one instant.
     #[must_use]
     pub fn force_n(&self, state: &PlantState, x_m: f64, v_m_s: f64) -> f64 {
         let over = (x_m.abs() - self.end_stop_m).max(0.0);
@@ -456,7 +466,7 @@ impl Plant {
             ValveForm::BoucWen | ValveForm::Bristle(_) => self.spring_n(x_m - state.behind_compliance_m),
             ValveForm::QuasiStatic(form) => self.quasi_static_n(&form, state, x_m, v_m_s),
         };
-        valve_n
+        self.undeclared.transmitted_n(valve_n, &state.undeclared)
             + self.gas_force_n
             + self.gas_stiffness_n_m * x_m
             + self.friction_n * (v_m_s / self.friction_velocity_m_s).tanh()
@@ -498,14 +508,15 @@ impl Plant {
             return None;
         }
         response.add_inertia(self.mass_kg, &motion.velocity_m_s[..response.force_n.len()]);
+        response.resonate(self.undeclared.mount_resonance);
         response.lose_force(self.force_loss);
         response.lag_force(self.force_lag_s);
         Some(response)
     }
 
     /// The response over `samples` samples, from rest at the current `first_a`. `command_a` is called with the number and the force of each
-    /// sample and returns the current until the next one; `None` ends the response. Inertia, force loss and force lag are not
-    /// included, because they are computed from the whole response.
+    /// sample and returns the current until the next one; `None` ends the response. Inertia, mount resonance, force loss and
+    /// force lag are not included, because they are computed from the whole response.
     pub(super) fn respond_to(
         &self,
         motion: &Motion,
@@ -553,19 +564,26 @@ impl Plant {
     /// Factor of direction and position on the valve's forces; 1 without such an effect.
     pub(super) fn lean(&self, x_m: f64, v_m_s: f64) -> f64 {
         if self.asymmetry == 0.0 && self.position_per_m == 0.0 && self.position_ripple == 0.0 {
-            return 1.0;
+            return self.undeclared.score(x_m).max(LEAST_LEAN);
         }
         let direction = (v_m_s / self.friction_velocity_m_s).tanh();
         let mut lean = 1.0 + self.asymmetry * direction + self.position_per_m * x_m;
         if self.position_ripple != 0.0 {
             lean *= 1.0 + self.position_ripple * (TAU * x_m / RIPPLE_PERIOD_M).sin();
         }
-        lean.max(LEAST_LEAN)
+        (lean * self.undeclared.score(x_m)).max(LEAST_LEAN)
+    }
+
+    /// Valve parameters for `state`, with the factors of displacement `x_m` and velocity `v_m_s`.
+    pub(super) fn valve_at(&self, state: &PlantState, x_m: f64, v_m_s: f64) -> Valve {
+        let mut valve = self.valve(state).scaled(self.lean(x_m, v_m_s));
+        valve.yield_n *= self.undeclared.yield_share(state, v_m_s);
+        valve
     }
 
     /// Valve parameters for the current, temperature and wear of `state`.
     pub(super) fn valve(&self, state: &PlantState) -> Valve {
-        let effective_a = state.fluid_a;
+        let effective_a = self.undeclared.saturated_a(state.fluid_a);
         let rise = state.temperature_c - self.reference_c;
         let yield_share = (1.0 + self.yield_fade_per_k * rise).max(LEAST_SHARE);
         let viscous_share = (1.0 + self.viscous_fade_per_k * rise).max(LEAST_SHARE);

@@ -101,7 +101,7 @@ impl Plant {
         if self.free_play_m > 0.0 && (to_edge_m > ROUNDED_M || v_m_s == 0.0) {
             return 0.0;
         }
-        let valve = self.valve(state).scaled(self.lean(x_m, v_m_s));
+        let valve = self.valve_at(state, x_m, v_m_s);
         form.force(&valve, v_m_s, s_m, 0.0).0
     }
 

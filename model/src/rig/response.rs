@@ -1,6 +1,7 @@
-//! The response of a plant, and the parts of its force that need more than one instant: inertia, loss and lag.
+//! The response of a plant, and the parts of its force that need more than one instant: inertia, resonance, loss and lag.
 
 use super::signal::RATE_HZ;
+use super::undeclared::MOUNT;
 
 /// Response of a [`super::Plant`]: true values, one per sample.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -26,6 +27,17 @@ impl Response {
             let (before, after) = (k.saturating_sub(1), (k + 1).min(last));
             let span_s = (after - before).max(1) as f64 / RATE_HZ;
             *force += mass_kg * (velocity_m_s[after] - velocity_m_s[before]) / span_s;
+        }
+    }
+
+    /// Lets the share `share` of the force pass through the resonance of the mount.
+    pub(super) fn resonate(&mut self, share: f64) {
+        if share == 0.0 {
+            return;
+        }
+        let mode_n = MOUNT.filter(&self.force_n);
+        for (force, mode) in self.force_n.iter_mut().zip(mode_n) {
+            *force += share * (mode - *force);
         }
     }
 

@@ -407,6 +407,7 @@ fn the_rig_does_not_use_the_code_that_it_tests() {
         include_str!("replicate.rs"),
         include_str!("response.rs"),
         include_str!("second_order.rs"),
+        include_str!("undeclared.rs"),
         include_str!("wave.rs"),
     ];
     for module in ["force", "effect", "condition", "identify", "pipeline", "preset", "diagnose"] {
