@@ -217,7 +217,7 @@ pub(crate) fn require_channels(model: &Model, run: &Run) -> Result<(), Error> {
     if let Some(effect) = model.effects.needing(Need::CaseTemperature)
         && run.case_temp_c.as_ref().is_none_or(crate::sample::Trace::is_empty)
     {
-        return Err(missing("case_temp_c", &format!("the effect {}", effect.id())));
+        return Err(missing("case_temp_c", &format!("the effect {effect}")));
     }
     match (model.force.drive(), run.drive_kind()) {
         (Some(needed), None) => Err(missing(needed.name(), "the model")),

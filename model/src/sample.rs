@@ -90,6 +90,15 @@ impl DriveKind {
             Self::CommandVoltage => "v",
         }
     }
+
+    /// The symbol of its unit: `A` or `V`.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::CoilCurrent => "A",
+            Self::CommandVoltage => "V",
+        }
+    }
 }
 
 impl std::fmt::Display for DriveKind {

@@ -9,6 +9,7 @@ mod common;
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use common::{calibrated, maxwell_slip, preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
+use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, ForceLaw, FuzzySets, Inputs, LawModel, LawState, Membership};
 use mr_damper_model::inverse::{self, Demand, InverseController, LimitedBy, Limits, Method};
@@ -206,6 +207,31 @@ fn no_effect_allocates() {
                 }
             });
             assert!(forces >= 280, "{}: {forces}", effect.title());
+        }
+    }
+}
+
+/// Each modulator with each argument, with as many terms as a model may have.
+#[test]
+fn no_term_allocates() {
+    let force = preset(BEST_FUZZY_TANH).force;
+    for modulator in Modulator::ALL {
+        for argument in
+            Argument::ALL.into_iter().filter(|q| !(modulator.acts_on_input() && *q == Argument::Force))
+        {
+            let term = |form, parameters: &[f64]| {
+                Term::new((modulator, argument, form), 0.01, parameters, [-1.0, 1.0]).expect("a term")
+            };
+            let terms =
+                [term(Form::Linear, &[]), term(Form::Step, &[0.1, 0.01]), term(Form::Sine, &[0.0, 0.1])];
+            let effects = Effects::NONE.with_terms(Terms::new(&terms).expect("few enough"));
+            let model = Augmented::new(force, effects).expect("the model has a drive");
+            assert_no_alloc(|| {
+                let mut state = AugmentedState::default();
+                for k in 0..30 {
+                    model.free_run(&mut state, &moving(k));
+                }
+            });
         }
     }
 }

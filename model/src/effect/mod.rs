@@ -99,6 +99,7 @@
 mod definition;
 mod parts;
 mod run;
+pub mod term;
 
 pub use definition::{Need, Parameter, Unit};
 pub use run::{Augmented, AugmentedState, EffectModel, Effects};

@@ -2,6 +2,7 @@
 
 use super::definition::{Inversion, Values};
 use super::parts::{Coefficients, Elapsed, Lag, Ring};
+use super::term::{self, Terms, TermsState};
 use super::{Effect, Layer, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need, sensor_delay};
 use crate::error::{Error, ForceError};
 use crate::force::jet::{Jet, Real};
@@ -136,6 +137,15 @@ pub(super) struct Inside<'a, R: Number> {
     effects: &'a [EffectModel<R>],
     free: &'a mut R::State,
     states: &'a mut [EffectState<R>],
+    /// The terms around the first `of_damper` effects, until they have been stepped.
+    terms: Option<InsideTerms<'a, R>>,
+}
+
+/// The terms of a model, with their state and their place among the effects.
+struct InsideTerms<'a, R: Number> {
+    terms: &'a Terms<R>,
+    state: &'a mut TermsState<R>,
+    of_damper: usize,
 }
 
 impl<'a, R: Number> Inside<'a, R> {
@@ -143,11 +153,15 @@ impl<'a, R: Number> Inside<'a, R> {
     /// then.
     #[inline]
     pub(super) fn run(&mut self, inputs: &Inputs<R>) -> Option<R> {
+        if let Some(own) = self.terms.take_if(|own| own.of_damper == self.effects.len()) {
+            return term::step(own.terms, own.state, inputs, self);
+        }
         let Some((outermost, effects)) = self.effects.split_last() else {
             return R::free_run(self.force, self.free, inputs);
         };
         let (own, states) = self.states.split_last_mut()?;
-        let mut inside = Inside { force: self.force, effects, free: &mut *self.free, states };
+        let terms = self.terms.take();
+        let mut inside = Inside { force: self.force, effects, free: &mut *self.free, states, terms };
         let force_n = outermost.effect.step(outermost.parameters, own, inputs, &mut inside);
         force_n.filter(|force_n| force_n.re().is_finite())
     }
@@ -262,12 +276,14 @@ impl<R: Real> KeptEffects<R> {
 }
 
 /// Up to [`MAX_EFFECTS`] effects, in order of application: the last one is the outermost. Effects of the load cell are outside all others.
+/// Terms that a diagnosis discovered ([`super::term`]) are around all effects of the damper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effects {
     list: [EffectModel; MAX_EFFECTS],
     len: usize,
     /// Number of effects that change the damper's force; the others are effects of the load cell.
     of_damper: usize,
+    terms: Terms,
 }
 
 impl Effects {
@@ -276,6 +292,7 @@ impl Effects {
         list: [EffectModel::unchecked(Effect::Friction, [0.0; MAX_EFFECT_PARAMETERS]); MAX_EFFECTS],
         len: 0,
         of_damper: 0,
+        terms: Terms::NONE,
     };
 
     /// These effects, the first one nearest to the model.
@@ -306,10 +323,23 @@ impl Effects {
         }
     }
 
-    /// The effects that change the damper's force, without the effects of the load cell.
+    /// The same effects with these terms.
+    #[must_use]
+    pub const fn with_terms(self, terms: Terms) -> Self {
+        Self { terms, ..self }
+    }
+
+    /// The terms.
+    #[must_use]
+    pub const fn terms(&self) -> &Terms {
+        &self.terms
+    }
+
+    /// The effects and terms that change the damper's force, without the effects of the load cell.
     #[must_use]
     pub fn of_damper(&self) -> Self {
-        let mut damper = Self { len: self.of_damper, of_damper: self.of_damper, ..Self::NONE };
+        let Self { of_damper, terms, .. } = *self;
+        let mut damper = Self { len: of_damper, of_damper, terms, ..Self::NONE };
         damper.list[..self.of_damper].copy_from_slice(&self.list[..self.of_damper]);
         damper
     }
@@ -320,7 +350,7 @@ impl Effects {
         self.of_damper < self.len
     }
 
-    /// The effects, in order of application.
+    /// The effects of the library, in order of application.
     #[must_use]
     pub fn as_slice(&self) -> &[EffectModel] {
         &self.list[..self.len]
@@ -331,10 +361,10 @@ impl Effects {
         self.as_slice().iter().map(|effect| effect.effect().id())
     }
 
-    /// True if the list is empty.
+    /// True if there is neither an effect nor a term: the model alone.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
-        self.len == 0
+        self.len == 0 && self.terms.is_empty()
     }
 
     /// True if one of them needs the channel `need`.
@@ -343,15 +373,28 @@ impl Effects {
         self.needing(need).is_some()
     }
 
-    /// The first effect that needs the channel `need`.
+    /// Id of the first effect or term that needs the channel `need`.
     #[must_use]
-    pub fn needing(&self, need: Need) -> Option<Effect> {
-        self.as_slice().iter().map(EffectModel::effect).find(|effect| effect.needs().contains(&need))
+    pub fn needing(&self, need: Need) -> Option<&'static str> {
+        let effects = self.as_slice().iter().map(EffectModel::effect);
+        let effect = effects.map(|effect| (effect.id(), effect.needs().contains(&need)));
+        let terms = self.terms.iter().map(|term| (term::ID, term.need(need)));
+        effect.chain(terms).find_map(|(id, needs)| needs.then_some(id))
     }
 
-    /// True if the effects are the same, with any parameters; a state of `other` is then valid here.
+    /// True if the effects and terms are the same, with any parameters; a state of `other` is then valid here.
     pub(crate) fn same_kinds(&self, other: &Self) -> bool {
-        self.as_slice().iter().map(EffectModel::effect).eq(other.as_slice().iter().map(EffectModel::effect))
+        let alike = self
+            .as_slice()
+            .iter()
+            .map(EffectModel::effect)
+            .eq(other.as_slice().iter().map(EffectModel::effect));
+        alike && self.terms.same_kinds(&other.terms)
+    }
+
+    /// True if they add a force that does not depend on the drive, and change no input.
+    pub(crate) fn only_add(&self) -> bool {
+        self.terms.is_empty() && self.as_slice().iter().all(|effect| effect.effect().only_adds())
     }
 
     /// Checks that the effects can be added to `force`.
@@ -361,7 +404,7 @@ impl Effects {
     pub fn check(&self, force: &ForceModel) -> Result<(), Error> {
         match self.needing(Need::Drive) {
             Some(effect) if force.drive().is_none() => {
-                Err(ForceError::EffectWithoutDrive { effect: effect.id(), model: force.name() }.into())
+                Err(ForceError::EffectWithoutDrive { effect, model: force.name() }.into())
             }
             _ => Ok(()),
         }
@@ -370,12 +413,22 @@ impl Effects {
     /// Simulates `force` with these effects for one sample; see [`Augmented::free_run`].
     #[inline]
     pub fn free_run(&self, force: &ForceModel, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
-        if self.len == 0 {
+        if self.is_empty() {
             return force.free_run(&mut state.free, inputs);
         }
         let states = &mut state.effects[..self.len];
-        Inside { force, effects: self.as_slice(), free: &mut state.free, states }.run(inputs)
+        let terms = inside_terms(&self.terms, &mut state.terms, self.of_damper);
+        Inside { force, effects: self.as_slice(), free: &mut state.free, states, terms }.run(inputs)
     }
+}
+
+/// The terms with their state, if there are any.
+fn inside_terms<'a, R: Number>(
+    terms: &'a Terms<R>,
+    state: &'a mut TermsState<R>,
+    of_damper: usize,
+) -> Option<InsideTerms<'a, R>> {
+    (!terms.is_empty()).then_some(InsideTerms { terms, state, of_damper })
 }
 
 impl Default for Effects {
@@ -413,12 +466,19 @@ pub struct Augmented {
 pub struct AugmentedState {
     pub(crate) free: FreeRun,
     effects: [EffectState; MAX_EFFECTS],
+    terms: TermsState,
 }
 
 impl AugmentedState {
     /// The same model state with every effect restarted, for a model with other effects that replaces the running one.
     pub(crate) fn without_effects(&self) -> Self {
         Self { free: self.free, ..Self::default() }
+    }
+
+    /// True if at the last sample a term had an argument outside of the range in which it was confirmed.
+    #[must_use]
+    pub const fn extrapolates(&self) -> bool {
+        self.terms.extrapolates()
     }
 }
 
@@ -482,6 +542,8 @@ impl Augmented {
 pub(crate) struct AugmentedOnJets<const N: usize> {
     force: ForceOnJets<N>,
     effects: Vec<EffectModel<Jet<N>>>,
+    of_damper: usize,
+    terms: Terms<Jet<N>>,
 }
 
 /// State of an [`AugmentedOnJets`].
@@ -489,11 +551,12 @@ pub(crate) struct AugmentedOnJets<const N: usize> {
 pub(crate) struct JetState<const N: usize> {
     free: LawState<Jet<N>>,
     effects: [EffectState<Jet<N>>; MAX_EFFECTS],
+    terms: TermsState<Jet<N>>,
 }
 
 impl<const N: usize> AugmentedOnJets<N> {
     /// `model` with each of its numbers as `jet` makes it, given its index and value: the coefficients of the force model, then the
-    /// parameters of each effect. `None` if the force model has no derivatives by its coefficients.
+    /// parameters of each effect, then the numbers of each term. `None` if the force model has no derivatives by its coefficients.
     pub(crate) fn new(model: &Augmented, mut jet: impl FnMut(usize, f64) -> Jet<N>) -> Option<Self> {
         let mut index = 0..;
         let mut next = |value: f64| index.next().map(|index| jet(index, value)).unwrap_or_default();
@@ -504,7 +567,8 @@ impl<const N: usize> AugmentedOnJets<N> {
             parameters.iter_mut().zip(effect.parameters()).for_each(|(jet, value)| *jet = next(*value));
             effects.push(EffectModel { effect: effect.effect, parameters });
         }
-        Some(Self { force, effects })
+        let Effects { of_damper, terms, .. } = model.effects();
+        Some(Self { force, effects, of_damper: *of_damper, terms: terms.map(next) })
     }
 
     /// True if the force model needs a drive.
@@ -515,8 +579,9 @@ impl<const N: usize> AugmentedOnJets<N> {
     /// As [`Augmented::free_run`], with derivatives.
     #[inline]
     pub(crate) fn free_run(&self, state: &mut JetState<N>, inputs: &Inputs) -> Option<Jet<N>> {
-        let JetState { free, effects } = state;
+        let JetState { free, effects, terms } = state;
         let states = &mut effects[..self.effects.len()];
-        Inside { force: &self.force, effects: &self.effects, free, states }.run(&inputs.lifted())
+        let terms = inside_terms(&self.terms, terms, self.of_damper);
+        Inside { force: &self.force, effects: &self.effects, free, states, terms }.run(&inputs.lifted())
     }
 }

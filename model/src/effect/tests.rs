@@ -8,6 +8,7 @@ use proptest::prelude::*;
 
 mod derivatives;
 mod responses;
+mod terms;
 
 /// Force offset of the models below, N.
 const OFFSET_N: f64 = 31.0;

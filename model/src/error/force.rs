@@ -68,6 +68,12 @@ pub enum ForceError {
         /// Name of the model.
         model: &'static str,
     },
+    /// A term is not valid.
+    #[error("effect term: {why}")]
+    Term {
+        /// The reason.
+        why: &'static str,
+    },
 }
 
 fn range([low, high]: [f64; 2]) -> String {

@@ -136,6 +136,30 @@ pub enum ModelFileError {
         /// All ids.
         known: Vec<&'static str>,
     },
+    /// A part of a term has an unknown name.
+    #[error("model file: {key} is \"{found}\"; did you mean {nearest}? (known are {})", known.join(", "))]
+    TermPart {
+        /// The key, for example `effects[0].modulator`.
+        key: String,
+        /// The name in the file.
+        found: String,
+        /// The most similar name.
+        nearest: &'static str,
+        /// All names.
+        known: Vec<&'static str>,
+    },
+    /// A number of a term has another unit.
+    #[error(
+        "model file: {key} is \"{found}\", but the number is in \"{expected}\": convert the number, or leave the unit out"
+    )]
+    TermUnit {
+        /// The key, for example `effects[0].units.at`.
+        key: String,
+        /// The unit in the file.
+        found: String,
+        /// The unit of the number.
+        expected: String,
+    },
     /// The form of an effect is missing, unknown or superfluous.
     #[error("model file: effects[{index}]{}", form_problem(id, found.as_deref(), known, *plain))]
     EffectForm {

@@ -34,6 +34,7 @@ pub(crate) trait Real:
     /// tanh; for `f64`, the fast one of this crate and not the standard library's.
     fn tanh(self) -> Self;
     fn atan(self) -> Self;
+    fn sin(self) -> Self;
 
     /// True for the constant zero: the value is zero, and so are its derivatives.
     #[inline]
@@ -100,6 +101,11 @@ impl Real for f64 {
     #[inline]
     fn atan(self) -> Self {
         self.atan()
+    }
+
+    #[inline]
+    fn sin(self) -> Self {
+        self.sin()
     }
 
     #[inline]
@@ -203,6 +209,12 @@ impl<const N: usize> Real for Jet<N> {
     #[inline]
     fn atan(self) -> Self {
         self.chain(self.re.atan(), (1.0 + self.re * self.re).recip())
+    }
+
+    #[inline]
+    fn sin(self) -> Self {
+        let (sin, cos) = self.re.sin_cos();
+        self.chain(sin, cos)
     }
 }
 

@@ -124,7 +124,7 @@ pub(crate) fn check(model: &Augmented, dataset: &Dataset) -> Result<(), Error> {
         return Err(Error::MissingChannel {
             run: dataset.name.clone(),
             channel: Need::CaseTemperature.name(),
-            needed_by: format!("the effect {}", effect.id()),
+            needed_by: format!("the effect {effect}"),
         });
     }
     if let Some(needed) = force.drive() {

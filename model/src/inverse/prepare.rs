@@ -94,7 +94,7 @@ impl Inverse {
 pub(super) fn without_lag(model: &Model) -> Result<Augmented, Error> {
     let others = |effect: &&EffectModel| !effect.effect().lags_drive();
     let kept: Vec<EffectModel> = model.effects.as_slice().iter().filter(others).copied().collect();
-    Augmented::new(model.force, Effects::new(&kept)?)
+    Augmented::new(model.force, Effects::new(&kept)?.with_terms(*model.effects.terms()))
 }
 
 pub(super) fn refused(model: &Model, why: NoInverse) -> Error {

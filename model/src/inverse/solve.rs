@@ -149,9 +149,9 @@ impl<'a> Moment<'a> {
         current_a: f64,
     ) -> Option<(f64, Self)> {
         let here = Inputs { drive: current_a, ..*inputs };
-        let effects = model.effects().as_slice();
+        let effects = model.effects();
         match model.force() {
-            ForceModel::FuzzyTanh(fuzzy) if effects.iter().all(|effect| effect.effect().only_adds()) => {
+            ForceModel::FuzzyTanh(fuzzy) if effects.only_add() => {
                 let at = fuzzy.at(inputs.displacement_m, inputs.velocity_m_s);
                 let alone_n = finite(at.force_n(current_a))?;
                 if effects.is_empty() {

@@ -15,7 +15,7 @@ use super::polynomial::Polynomial;
 use super::prepare::refused;
 use super::shape::{HARDLY, Shape};
 use super::solve::{Moment, Solution};
-use crate::effect::{Augmented, Effect, Effects};
+use crate::effect::{Augmented, Effect, Effects, term};
 use crate::error::{Error, NoInverse};
 use crate::force::{Inputs, MAX_INPUTS};
 use crate::model::Model;
@@ -238,6 +238,9 @@ fn check(model: &Model, method: Method, shape: &Shape) -> Result<(), Error> {
     let stands = |effect: Effect| effect.only_adds() || effect.lags_drive();
     match model.effects.as_slice().iter().find(|effect| !stands(effect.effect())) {
         Some(effect) => Err(refused(model, NoInverse::NotAForce { method, effect: effect.effect().title() })),
+        None if !model.effects.terms().is_empty() => {
+            Err(refused(model, NoInverse::NotAForce { method, effect: term::ID.to_owned() }))
+        }
         None => Ok(()),
     }
 }

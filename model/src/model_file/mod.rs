@@ -146,6 +146,8 @@ pub enum Role {
     Reference,
     /// One of several runs of one excitation, for the noise floor.
     Replicate,
+    /// Run of the healthy damper: it tells a discovered term from a lack of the base's structure.
+    Healthy,
 }
 
 /// `[conditioning]` of the file: the settings, and the sample rate that they were used at.
@@ -229,7 +231,7 @@ impl ModelFile {
             schema: SCHEMA,
             model: force.name(),
             drive: force.drive(),
-            effects: effects::write(&effects),
+            effects: effects::write(&effects, &force),
             parameters: Parameters::of(&force),
             conditioning: FileConditioning { rate_hz, conditioning },
             envelope,

@@ -1,6 +1,7 @@
 //! Writing and reading of model files, and the errors for invalid files.
 
 use super::*;
+use crate::effect::term::{Argument, Form, Modulator, Term, Terms};
 use crate::effect::{Effect, EffectModel, Effects};
 use crate::force::{
     Arx, Dependence, FuzzySets, FuzzyTanh, Lazy, LazyMetric, LazyPoint, Lpv, MaxwellSlip, Network,
@@ -230,6 +231,36 @@ fn effects_are_tables_in_order_of_application() {
     // Whole numbers may be written without a decimal point.
     let read = ModelFile::from_toml(&text.replace("1200.0", "1200")).expect("reads");
     assert_eq!(read, file_with(&[lag, gas]));
+}
+
+#[test]
+fn terms_are_tables_after_the_effects() {
+    let kind = (Modulator::Force, Argument::Time, Form::Step);
+    let term = Term::new(kind, -0.126, &[11.5, 0.05], [0.0, 30.0]).expect("a term");
+    let plain = file_with(&[EffectModel::new(Effect::GasSpring, &[1200.0]).expect("within range")]);
+    let effects = plain.model.effects.with_terms(Terms::new(&[term]).expect("few enough"));
+    let file = ModelFile { model: Model { effects, ..plain.model }, ..plain };
+    let text = file.to_toml().expect("writes");
+    let table = "[[effects]]\nid = \"term\"\nmodulator = \"force\"\nargument = \"time\"\nform = \"step\"\n\
+                 confirmed_in = [0.0, 30.0]\nequation = \"F' = F (1 - 0.126 H(t - 11.5 s)),  t: time since the start\"\n\n\
+                 [effects.parameters]\namount = -0.126\nat = 11.5\nwidth = 0.05\n\n\
+                 [effects.units]\namount = \"\"\nat = \"s\"\nwidth = \"s\"\n";
+    assert!(text.contains(table), "{text}");
+    assert_eq!(ModelFile::from_toml(&text).expect("reads"), file);
+    for (from, to, expected) in [
+        ("\"force\"", "\"forse\"", "effects[1].modulator is \"forse\"; did you mean force?"),
+        ("\"step\"", "\"steps\"", "effects[1].form is \"steps\"; did you mean step?"),
+        ("modulator =", "modulater =", "effects[1].modulater is unknown; did you mean modulator?"),
+        ("amount = -0.126\n", "", "effects[1].parameters.amount is missing"),
+        ("width = 0.05", "widht = 0.05", "effects[1].parameters.widht is unknown; did you mean width?"),
+        ("width = 0.05", "width = \"wide\"", "effects[1].parameters.width is \"wide\""),
+        ("width = 0.05", "width = 0.0", "effects[1]: effect term: parameters must be finite, and widths"),
+        ("at = \"s\"", "at = \"ms\"", "effects[1].units.at is \"ms\", but the number is in \"s\""),
+        ("[0.0, 30.0]", "[0.0]", "effects[1].confirmed_in is [0.0], not two numbers"),
+    ] {
+        let error = ModelFile::from_toml(&text.replace(from, to)).expect_err(to).to_string();
+        assert!(error.contains(expected), "{error}");
+    }
 }
 
 #[test]

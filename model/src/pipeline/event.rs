@@ -367,7 +367,8 @@ reasons! {
     DISPLACEMENT_GAP = 8, Degraded;
     /// A reading since the last estimate was refused.
     INPUT_REFUSED = 16, Degraded;
-    /// Displacement, velocity, drive, force or temperature lies outside the training range.
+    /// Displacement, velocity, drive, force or temperature lies outside the training range, or the argument of a term outside the range in
+    /// which it was confirmed.
     OUTSIDE_ENVELOPE = 32, Extrapolating;
     /// Samples do not come at the rate of the ARX model, so it is not used.
     RATE_MISMATCH = 64, Degraded;

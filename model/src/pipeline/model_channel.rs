@@ -259,6 +259,9 @@ impl FreeRunChannel {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
         let damper = self.damper.step(&self.model.force, &self.path, &inputs);
+        if self.damper.state.extrapolates() {
+            *reasons |= Reasons::OUTSIDE_ENVELOPE;
+        }
         // The low-pass may still hold forces outside the range when the model is back inside it.
         if damper.is_some_and(|forces_n| {
             forces_n.into_iter().any(|n| Envelope::leaves(self.model.envelope.force_n, n))

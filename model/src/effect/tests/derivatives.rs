@@ -1,6 +1,7 @@
 //! The derivatives of a model with effects, against differences of the same model without derivatives.
 
 use super::*;
+use crate::effect::term::Terms;
 use crate::force::jet::Jet;
 use crate::force::{FuzzySets, Membership};
 
@@ -10,7 +11,7 @@ const DIRECTIONS: usize = 8;
 const STEP: f64 = 1e-5;
 
 /// Bouc-Wen with parameters that depend on the drive, by polynomials.
-fn driven_bouc_wen() -> ForceModel {
+pub(super) fn driven_bouc_wen() -> ForceModel {
     let drive = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
     let constants = [700.0, 8000.0, 300.0, 50.0, 200.0, 300.0, 1.2, 300.0, 400.0];
     let by_drive = [100.0, 900.0, 0.0, 0.0, 250.0, 0.0, 0.0, 0.0, 0.0];
@@ -31,10 +32,11 @@ fn clear(effect: Effect) -> EffectModel {
     if effect == Effect::SensorDelay { with(effect, &[0.0047]) } else { effect.example() }
 }
 
-/// The numbers of `model`: coefficients, then parameters of its effects.
+/// The numbers of `model`: coefficients, then parameters of its effects, then the numbers of its terms.
 fn numbers(model: &Augmented) -> Vec<f64> {
     let effects = model.effects().as_slice().iter().flat_map(|effect| effect.parameters().to_vec());
-    model.force().coefficients().expect("coefficients").into_iter().chain(effects).collect()
+    let terms = model.effects().terms().iter().flat_map(|term| term.values().to_vec());
+    model.force().coefficients().expect("coefficients").into_iter().chain(effects).chain(terms).collect()
 }
 
 /// `model` with other numbers.
@@ -47,7 +49,15 @@ fn rebuilt(model: &Augmented, numbers: &[f64]) -> Augmented {
         effects.push(with(effect.effect(), parameters));
         rest = others;
     }
-    augmented(force, &effects)
+    let mut terms = Vec::new();
+    for term in model.effects().terms().iter() {
+        let (values, others) = rest.split_at(term.values().len());
+        terms.push(term.with_values(values).expect("a term"));
+        rest = others;
+    }
+    let effects =
+        Effects::new(&effects).expect("few enough").with_terms(Terms::new(&terms).expect("few enough"));
+    Augmented::new(force, effects).expect("effects that fit the model")
 }
 
 fn forces(model: &Augmented, inputs: &[Inputs]) -> Vec<f64> {
@@ -75,7 +85,7 @@ fn length(series: impl Iterator<Item = f64>) -> f64 {
 /// derivatives, so whole series are compared.
 ///
 /// A spring in series passes each change of branch of a law on to all later samples.
-fn check(model: &Augmented, name: &str) {
+pub(super) fn check(model: &Augmented, name: &str) {
     let has_spring = model.effects().as_slice().iter().any(|effect| effect.effect() == Effect::SeriesSpring);
     let near = if has_spring { 2e-2 } else { 1e-3 };
     // The first sample has no acceleration.

@@ -31,6 +31,10 @@ impl Real for Dual64 {
     fn atan(self) -> Self {
         DualNum::atan(&self)
     }
+
+    fn sin(self) -> Self {
+        DualNum::sin(&self)
+    }
 }
 
 /// Force of the damper of [`sensible`], N.
