@@ -1,6 +1,7 @@
 //! The types of a diagnosis result.
 
 use super::alignment::Alignment;
+use super::discover::Discovery;
 use super::paired::MeanShift;
 use super::refusal::{BaseFault, Refusal};
 use crate::effect::{Effect, EffectModel};
@@ -291,8 +292,10 @@ pub struct DiagnosisResult {
     pub remaining: RemainingError,
     /// The base, refitted on the training runs (in paired mode as given).
     pub before: Model,
-    /// The base with the effects; the same as `before` if no effect was named.
+    /// The base with the effects and terms; the same as `before` if none was found.
     pub after: Model,
+    /// Terms that were discovered in what the effects leave.
+    pub discovery: Discovery,
     /// The structures that were tried as base, in order; empty if only the given base was diagnosed.
     pub structures: Vec<StructureRow>,
     /// How each run was placed on its reference; empty in absolute mode.
@@ -302,6 +305,12 @@ pub struct DiagnosisResult {
 }
 
 impl DiagnosisResult {
+    /// True if `after` has an effect or a term that `before` lacks.
+    #[must_use]
+    pub fn is_augmented(&self) -> bool {
+        !self.effects.is_empty() || !self.discovery.terms.is_empty()
+    }
+
     /// Possible causes of the change of the mean force since the references; empty if no change is proved. A gas that pushes the rod out
     /// with more force is also a stiffer spring: if such a spring was named, only the gas is left.
     #[must_use]

@@ -31,6 +31,7 @@ use super::joint::{Fitted, Joint};
 use super::rows::dot;
 use super::variants::{self, Change};
 use crate::effect::Parameter;
+use crate::effect::term::{Form, SHARP, Term};
 use crate::error::Error;
 use crate::identify::Dataset;
 use crate::statistics::block_sums::t95;
@@ -103,6 +104,27 @@ impl<'a> Intervals<'a> {
             range: self.joint.ranges.of(effect, j, parameter, self.joint.scales.size(parameter.scale)),
         };
         parameters.enumerate().map(found).collect()
+    }
+
+    /// The intervals of the amount and the parameters of term number `index`. The force does not change with the place of a sharp step while the
+    /// step is between two rows, so a derivative says nothing about it; its width, the narrowest that was tried, is the interval then.
+    pub(super) fn of_term(&self, index: usize) -> Vec<[f64; 2]> {
+        let (effects, terms) = (self.fitted.model.effects().as_slice(), self.fitted.model.effects().terms());
+        let of_effects = effects.iter().map(|e| e.parameters().len()).sum::<usize>();
+        let before = terms.iter().take(index).map(|term| term.values().len()).sum::<usize>();
+        let own = terms.iter().nth(index).map_or(&[][..], Term::values);
+        let first = self.of_base + of_effects + before;
+        let mut found: Vec<[f64; 2]> =
+            own.iter().enumerate().map(|(j, value)| self.ci95(first + j, *value)).collect();
+        if let Some(term) = terms.iter().nth(index)
+            && let (_, _, Form::Step) = term.kind()
+            && let ([at, width], [low, high]) =
+                ([term.parameters()[0], term.parameters()[1]], term.confirmed_in())
+            && width < SHARP * (high - low)
+        {
+            found[1..].copy_from_slice(&[[at - width, at + width], [0.0, width]]);
+        }
+        found
     }
 
     /// The interval of the number with the derivative `column`, found as `value`.

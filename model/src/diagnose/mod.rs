@@ -32,6 +32,7 @@ mod correlation;
 mod cycle;
 mod derivative_span;
 mod derivatives;
+pub mod discover;
 mod effect_set;
 mod energy;
 mod finding;
@@ -81,6 +82,8 @@ pub struct Runs<'a> {
     pub reference: &'a [Dataset],
     /// Runs of one pattern, for the noise floor.
     pub replicates: &'a [Dataset],
+    /// Runs of the same damper when it was healthy, with any excitation. They tell a discovered term from a lack of the base's structure.
+    pub healthy: &'a [Dataset],
 }
 
 impl<'a> Runs<'a> {
@@ -100,6 +103,8 @@ pub struct Settings {
     pub significance: f64,
     /// Largest number of effects to name, 1 to 3.
     pub most_effects: usize,
+    /// Largest number of terms to discover in what the effects leave, 0 to 3.
+    pub most_terms: usize,
     /// Effects that may be named.
     pub effects: EffectSet,
     /// Physical ranges of the effects' parameters.
@@ -122,6 +127,7 @@ impl Default for Settings {
             significance: 0.05,
             block_s: None,
             most_effects: 3,
+            most_terms: 3,
             effects: EffectSet::ALL,
             ranges: Ranges::default(),
             most_rows: 60_000,
@@ -158,6 +164,8 @@ pub enum Stage {
     Pruning,
     /// An alternative structure is identified, to check whether the given base is adequate.
     Alternative,
+    /// What the effects leave is searched for this term, from 1.
+    Terms(usize),
     /// The test runs are read.
     TestRuns,
 }
@@ -209,7 +217,8 @@ pub fn close(
     stage: &dyn Fn(Stage),
 ) -> Result<DiagnosisResult, Error> {
     if runs.reference.is_empty() {
-        return procedure::Procedure::new(base, runs, settings, watch)?.run(stage);
+        let found = procedure::Procedure::new(base, runs, settings, watch)?.run(stage)?;
+        return discover::extend(found, runs, settings, watch, stage);
     }
     let [estimate, confirm, test] =
         runs.with_first_reference().map(|(own, first)| paired::on_scales_of((runs.reference, first), own));

@@ -1,5 +1,6 @@
 //! The sequence of a diagnosis: rounds until no further effect is found, then pruning, then the test runs.
 
+use super::discover::Discovery;
 use super::finding::{
     DiagnosisMode, DiagnosisResult, FloorSource, NamedEffect, NoiseFloor, RefusedEffect, RemainingError,
     Verdict,
@@ -554,7 +555,8 @@ impl<'a> Procedure<'a> {
         let test_rows = rows(self.base, self.runs, self.runs.with_first_reference()[2], &self.settings)?.rows;
         let [before, after] = test_runs::both(&test_rows, &pair.base.model, &pair.found.model)?;
         let test = test_runs::read(&test_rows, &before, &after, noise_floor.rsse_n, &self.settings);
-        let remaining = self.remaining_error(pair, noise_floor.rsse_n);
+        let both = [&pair.base_confirm, &pair.found_confirm];
+        let remaining = remaining_error(&self.confirm, both, noise_floor.rsse_n, &self.settings);
         let held = test.as_ref().is_none_or(super::TestResult::proves);
         let verdict = match results.base_fault {
             Some(_) => Verdict::BaseInadequate,
@@ -576,6 +578,7 @@ impl<'a> Procedure<'a> {
             confirm,
             test,
             remaining,
+            discovery: Discovery::default(),
             structures: Vec::new(),
             alignments: Vec::new(),
             mean_shift: paired::mean_shift(self.both_pairs(), &self.settings),
@@ -612,46 +615,59 @@ impl<'a> Procedure<'a> {
         Ok(effects)
     }
 
-    /// The remaining error on the validation runs, to which no coefficient was fitted.
-    fn remaining_error(&self, pair: &Pair, noise_n: f64) -> RemainingError {
-        let (before, after) = (&pair.base_confirm, &pair.found_confirm);
-        let noise = noise_n * noise_n * self.confirm.len() as f64;
-        let lof = |squares: f64| (1.0 - noise / squares).max(0.0);
-        RemainingError {
-            lof: lof(after.squares),
-            lof_before: lof(before.squares),
-            share: (after.squares - noise).max(0.0) / (before.squares - noise).max(f64::MIN_POSITIVE),
-            correlates_with: correlation::correlates_with(&self.confirm, &after.residual_n, &self.settings),
-        }
-    }
-
-    /// `fitted` as a model that can run live: with the mean force offset of the training runs, and the RMSE of the validation runs as its
-    /// expected error.
+    /// `fitted` as a model that can run live; see [`model_of`].
     fn model(
         &self,
         fitted: &Fitted,
         confirm: &[super::RunErrors],
         rsse_n: fn(&super::RunErrors) -> f64,
     ) -> Model {
-        let offset_n = match self.mode {
-            DiagnosisMode::Paired => 0.0,
-            DiagnosisMode::Absolute => {
-                let errors = self.estimate.measured_n().iter().zip(&fitted.predicted_n).map(|(m, p)| m - p);
-                errors.sum::<f64>() / self.estimate.len().max(1) as f64
-            }
-        };
-        let force =
-            fitted.model.force().with_force_offset_n(fitted.model.force().force_offset_n() + offset_n);
-        let squares = confirm.iter().map(|change| rsse_n(change).powi(2)).sum::<f64>();
-        let mut model = Model { force, effects: *fitted.model.effects(), ..*self.base };
-        model.expected.free_run_rsse_n = Some((squares / confirm.len().max(1) as f64).sqrt());
-        model.expected.one_step_rsse_n = None;
-        model.expected.uncertainty = None;
-        model
+        let rows = (self.mode == DiagnosisMode::Absolute).then_some(&self.estimate);
+        model_of(self.base, rows, fitted, confirm.iter().map(rsse_n))
     }
 }
 
-fn verdict(left: &RemainingError, named: bool) -> Verdict {
+/// The remaining error on the validation runs `confirm`, to which no coefficient was fitted, of the base and of the model found.
+pub(super) fn remaining_error(
+    confirm: &Rows,
+    [before, after]: [&Fitted; 2],
+    noise_n: f64,
+    settings: &Settings,
+) -> RemainingError {
+    let noise = noise_n * noise_n * confirm.len() as f64;
+    let lof = |squares: f64| (1.0 - noise / squares).max(0.0);
+    RemainingError {
+        lof: lof(after.squares),
+        lof_before: lof(before.squares),
+        share: (after.squares - noise).max(0.0) / (before.squares - noise).max(f64::MIN_POSITIVE),
+        correlates_with: correlation::correlates_with(confirm, &after.residual_n, settings),
+    }
+}
+
+/// `fitted` as a model that can run live: with the mean force offset of the training rows, if there are any, and the RMSE of the validation
+/// runs as its expected error.
+pub(super) fn model_of(
+    base: &Model,
+    train: Option<&Rows>,
+    fitted: &Fitted,
+    confirm_rsse_n: impl ExactSizeIterator<Item = f64>,
+) -> Model {
+    let offset_n = train.map_or(0.0, |rows| {
+        let errors = rows.measured_n().iter().zip(&fitted.predicted_n).map(|(m, p)| m - p);
+        errors.sum::<f64>() / rows.len().max(1) as f64
+    });
+    let force = fitted.model.force().with_force_offset_n(fitted.model.force().force_offset_n() + offset_n);
+    let runs = confirm_rsse_n.len().max(1) as f64;
+    let squares = confirm_rsse_n.map(|rsse_n| rsse_n.powi(2)).sum::<f64>();
+    let mut model = Model { force, effects: *fitted.model.effects(), ..*base };
+    model.expected.free_run_rsse_n = Some((squares / runs).sqrt());
+    model.expected.one_step_rsse_n = None;
+    model.expected.uncertainty = None;
+    model
+}
+
+/// The verdict; `named` if effects or terms were found and hold on the test runs.
+pub(super) fn verdict(left: &RemainingError, named: bool) -> Verdict {
     match named {
         _ if left.lof_before < NOTHING => Verdict::NothingToExplain,
         true if left.share <= LITTLE => Verdict::Explained,

@@ -185,6 +185,9 @@ pub enum Refusal {
     /// Effects that were named later explain the same error.
     #[error("not needed: effects named after it explain the same error")]
     NotNeeded,
+    /// A term that was discovered later explains the same error.
+    #[error("not needed: a term that was discovered after it explains the same error")]
+    TakenOverByTerm,
     /// Another structure of the base fits the validation runs about as well and does not name the effect.
     #[error("depends on the base: {structure} fits the validation runs about as well, and does not show it")]
     DependsOnBase {

@@ -1,12 +1,13 @@
 //! A base model with effects as one vector of numbers, for derivatives and joint fits.
 //!
 //! ```text
-//! p = (coefficients of the base, parameters of the first effect, of the second, ...)
+//! p = (coefficients of the base, parameters of the first effect, of the second, ..., numbers of the first term, ...)
 //! ```
 //!
 //! In paired mode the base's coefficients are not included.
 
 use super::ranges::Ranges;
+use crate::effect::term::{FormParameter, Term, Terms};
 use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::{DiagnosisError, Error};
 use crate::force::law::Kind;
@@ -44,6 +45,7 @@ pub(super) struct Space {
     /// Empty if the base is not refitted.
     coefficients: Vec<Coefficient>,
     effects: Vec<EffectModel>,
+    terms: Vec<Term>,
     scales: Scales,
     ranges: Ranges,
 }
@@ -62,13 +64,15 @@ impl Space {
     ) -> Result<Self, Error> {
         let coefficients = if base_moves { coefficients(model.force(), &scales)? } else { Vec::new() };
         let effects = model.effects().as_slice().to_vec();
-        Ok(Self { base: *model.force(), coefficients, effects, scales, ranges })
+        let terms = model.effects().terms().iter().copied().collect();
+        Ok(Self { base: *model.force(), coefficients, effects, terms, scales, ranges })
     }
 
     /// The numbers of the model at the centre of the space.
     pub(super) fn values(&self) -> Vec<f64> {
         let base = self.coefficients.iter().map(|c| c.value);
-        base.chain(self.effects.iter().flat_map(|e| e.parameters().iter().copied())).collect()
+        let effects = self.effects.iter().flat_map(|e| e.parameters().iter().copied());
+        base.chain(effects).chain(self.terms.iter().flat_map(|t| t.values().iter().copied())).collect()
     }
 
     /// Number of values that belong to the base.
@@ -82,7 +86,7 @@ impl Space {
     }
 
     /// Bounds of each number: for a coefficient the bounds of its search, for an effect's parameter its physical range extended to
-    /// the neutral value.
+    /// the neutral value, for a term's [`bounds_of_term`].
     pub(super) fn bounds(&self) -> Vec<[f64; 2]> {
         let base = self.coefficients.iter().map(|c| c.bounds);
         let parameters = |e: &EffectModel| {
@@ -95,7 +99,7 @@ impl Space {
             let neutral = if parameter.is_shape() { low } else { parameter.neutral * size };
             [low.min(neutral), high.max(neutral)]
         });
-        base.chain(effects).collect()
+        base.chain(effects).chain(self.terms.iter().flat_map(bounds_of_term)).collect()
     }
 
     /// The finite-difference step of each number, with its sign such that it stays within the bounds.
@@ -106,6 +110,8 @@ impl Space {
             let probe = if parameter.is_shape() { 0.05 * parameter.neutral } else { parameter.probe };
             (PROBE_SHARE * probe * size).abs()
         });
+        let terms = self.terms.iter().flat_map(|t| t.values()).map(|value| STEP * value.abs().max(1e-6));
+        let effects = effects.chain(terms);
         let inside =
             |((step, bounds), at): ((f64, [f64; 2]), &f64)| if at + step > bounds[1] { -step } else { step };
         base.chain(effects).zip(self.bounds()).zip(at).map(inside).collect()
@@ -144,8 +150,27 @@ impl Space {
             effects.push(EffectModel::new(effect.effect(), own).ok()?);
             rest = others;
         }
-        Augmented::new(force, Effects::new(&effects).ok()?).ok()
+        let mut terms = Vec::with_capacity(self.terms.len());
+        for term in &self.terms {
+            let (own, others) = rest.split_at(term.values().len());
+            terms.push(term.with_values(own)?);
+            rest = others;
+        }
+        let effects = Effects::new(&effects).ok()?.with_terms(Terms::new(&terms).ok()?);
+        Augmented::new(force, effects).ok()
     }
+}
+
+/// Bounds of the numbers of a term: any amount; places within the argument's range in the data, and widths and scales within a thousandth
+/// and ten times of it.
+pub(super) fn bounds_of_term(term: &Term) -> impl Iterator<Item = [f64; 2]> {
+    let ([low, high], (_, _, form)) = (term.confirmed_in(), term.kind());
+    let range = (high - low).max(f64::MIN_POSITIVE);
+    let bounds = move |parameter: &FormParameter| match parameter.is_positive() {
+        true => [1e-3 * range, 10.0 * range],
+        false => [low, high],
+    };
+    std::iter::once([f64::NEG_INFINITY, f64::INFINITY]).chain(form.parameters().iter().map(bounds))
 }
 
 /// The coefficients of `base`, with their bounds and natural sizes.
@@ -202,14 +227,14 @@ pub(super) fn with_effect(model: &Augmented, effect: EffectModel) -> Result<Augm
     let mut effects = model.effects().as_slice().to_vec();
     let at = effects.partition_point(|other| other.effect().layer() <= effect.effect().layer());
     effects.insert(at, effect);
-    Augmented::new(*model.force(), Effects::new(&effects)?)
+    Augmented::new(*model.force(), Effects::new(&effects)?.with_terms(*model.effects().terms()))
 }
 
 /// `model` without its effect number `index`.
 pub(super) fn without_effect(model: &Augmented, index: usize) -> Result<Augmented, Error> {
     let mut effects = model.effects().as_slice().to_vec();
     effects.remove(index);
-    Augmented::new(*model.force(), Effects::new(&effects)?)
+    Augmented::new(*model.force(), Effects::new(&effects)?.with_terms(*model.effects().terms()))
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ use super::joint::Fitted;
 use super::procedure::{Procedure, Searched};
 use super::refusal::Refusal;
 use super::rows::Rows;
-use super::{Runs, Settings, Stage, check, test_runs};
+use super::{Runs, Settings, Stage, check, discover, test_runs};
 use crate::error::{DiagnosisError, Error, IdentifyError};
 use crate::force::{ForceLaw, Form};
 use crate::identify::{ModelSpec, Options, Structure, Watch, identify_datasets};
@@ -204,7 +204,8 @@ pub fn close_any(
         given: given.is_some() && index == 0,
         outcome: one.as_ref().map(row).map_err(Clone::clone),
     });
-    Ok(DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, &others)? })
+    let found = DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, &others)? };
+    discover::extend(found, runs, settings, watch, stage)
 }
 
 /// The choice among structures: what all of them are identified and diagnosed with.

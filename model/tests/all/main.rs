@@ -41,6 +41,7 @@ mod identify_tsk;
 mod diagnosis_cases;
 mod diagnosis_paired;
 mod diagnosis_refusals;
+mod discovery;
 mod effects;
 
 // Inverse control.

@@ -40,6 +40,7 @@ pub fn training_runs(result: &DiagnosisResult, runs: &Runs) -> Vec<TrainingRun> 
         (Role::Test, runs.test),
         (Role::Reference, runs.reference),
         (Role::Replicate, runs.replicates),
+        (Role::Healthy, runs.healthy),
     ];
     let took_part = by_role.iter().flat_map(|(role, data)| data.iter().map(move |data| (*role, data)));
     took_part

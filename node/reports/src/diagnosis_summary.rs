@@ -4,6 +4,7 @@ use super::diagnosis::words;
 use super::page::{capital, page, section};
 use super::table::table;
 use maud::html;
+use mr_damper_model::effect::term::ID;
 use mr_damper_model::metrics::Fit;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -19,6 +20,9 @@ pub struct UnreadableAnswer(serde_json::Error);
 struct NodeAnswer {
     verdict: String,
     effects: Vec<AnswerEffect>,
+    /// Missing in the answer of an older node.
+    #[serde(default)]
+    terms: Vec<AnswerTerm>,
     refused: Vec<AnswerRefusal>,
     untestable: Vec<AnswerRefusal>,
     test: Option<AnswerErrors>,
@@ -43,6 +47,17 @@ struct AnswerEffect {
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+struct AnswerTerm {
+    modulator: String,
+    argument: String,
+    form: String,
+    equation: String,
+    sentence: String,
+    class: Vec<[String; 2]>,
+    p: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 struct AnswerRefusal {
     id: String,
     form: Option<String>,
@@ -62,7 +77,7 @@ pub struct DiagnosisSummary {
     pub verdict: String,
     /// The finding, in sentences.
     pub says: String,
-    /// The named effects.
+    /// The named effects, and the discovered terms.
     pub effects: Vec<EffectSummary>,
     /// Simulation errors before and after.
     pub errors: Vec<ErrorRow>,
@@ -84,7 +99,7 @@ pub struct DiagnosisSummary {
     pub seconds: f64,
 }
 
-/// A named effect, with its parameters as text.
+/// A named effect with its parameters as text, or a discovered term with its equation and what it does.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[expect(missing_docs, reason = "the field names say it")]
 pub struct EffectSummary {
@@ -92,7 +107,7 @@ pub struct EffectSummary {
     pub title: String,
     pub parameters: Vec<String>,
     pub chance: String,
-    /// Ids of the effects that these runs cannot distinguish from it.
+    /// Ids of the effects that these runs cannot distinguish from it; for a term, its modulators and arguments.
     pub or: Vec<String>,
 }
 
@@ -118,7 +133,7 @@ impl DiagnosisSummary {
         let refused = answer.refused.iter().chain(&answer.untestable);
         Ok(Self {
             says: first_paragraphs(&answer.text),
-            effects: answer.effects.iter().map(named).collect(),
+            effects: answer.effects.iter().map(named).chain(answer.terms.iter().map(discovered)).collect(),
             errors: test.chain(confirm).collect(),
             refused: refused
                 .map(|refused| [title(&refused.id, refused.form.as_deref()), refused.why.clone()])
@@ -151,7 +166,7 @@ impl DiagnosisSummary {
             }
             (section("The model", &html! {
                 @match &self.model_file {
-                    None => p { "No effect was named, so no model file was written." },
+                    None => p { "No effect was found, so no model file was written." },
                     Some(path) => {
                         p { "The augmented model, on the node's machine: " code { (path) } }
                         @if self.loaded { p { "The node runs it." } }
@@ -202,6 +217,16 @@ fn named(effect: &AnswerEffect) -> EffectSummary {
         parameters: parameters.collect(),
         chance: words::chance(effect.p_adjusted),
         or: effect.class.iter().filter(|id| **id != effect.id).cloned().collect(),
+    }
+}
+
+fn discovered(term: &AnswerTerm) -> EffectSummary {
+    EffectSummary {
+        id: ID.to_owned(),
+        title: format!("{ID} ({}, {}, {})", term.modulator, term.argument, term.form),
+        parameters: vec![term.equation.clone(), term.sentence.clone()],
+        chance: words::chance(term.p),
+        or: term.class.iter().map(|[modulator, argument]| format!("({modulator}, {argument})")).collect(),
     }
 }
 
@@ -270,6 +295,24 @@ mod tests {
             assert!(page.contains(part), "{part} in {page}");
         }
         assert!(!page.contains("<b>") && !page.contains("http"), "{page}");
+    }
+
+    #[test]
+    fn a_term_is_shown_beside_the_effects_and_an_older_node_has_none() {
+        let mut with_term = answer();
+        with_term["terms"] = serde_json::json!([{
+            "modulator": "force", "argument": "time", "form": "step", "amount": -0.126, "equation": "F' = F (1 - 0.126 H(t - 11.5 s))",
+            "sentence": "The force falls by 12.6 %.", "class": [["force", "path"]], "p": 0.002,
+        }]);
+        let of = |answer: &Value| DiagnosisSummary::of(answer, None).expect("a good answer").effects;
+        assert_eq!(of(&answer()).len(), 1);
+        let [_, term] = &of(&with_term)[..] else { panic!("an effect and a term") };
+        assert_eq!(term.title, "term (force, time, step)");
+        assert_eq!(term.parameters, ["F' = F (1 - 0.126 H(t - 11.5 s))", "The force falls by 12.6 %."]);
+        assert_eq!(
+            (term.chance.as_str(), term.or.as_slice()),
+            ("p = 0.00200", &["(force, path)".to_owned()][..])
+        );
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! `mr-damper close`: finds the physical effect that a model lacks, adds it, and reports the error before and after.
+//! `mr-damper close`: finds the physical effects that a model lacks, adds them, and reports the error before and after.
 
 mod base;
 pub mod live;
@@ -18,6 +18,7 @@ use live::LiveArgs;
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::diagnose::{self, EffectSet, Ranges, Runs, Settings};
 use mr_damper_model::effect::Effect;
+use mr_damper_model::effect::term::MAX_TERMS;
 use mr_damper_model::identify::{Dataset, Watch};
 use mr_damper_model::model_file::Role;
 use mr_damper_reports::diagnosis::json::FailureDocument;
@@ -42,6 +43,8 @@ The sets of runs (whole runs; no file may be used twice):
   --reference   healthy runs, one for each run in the order estimate, confirm, test, with the same excitation:
                 only the changes since then are diagnosed, even if the base model fits poorly. They are aligned
                 by crank angle or by time
+  --healthy     runs of the same damper when it was healthy: they tell whether a discovered term is an effect,
+                or a part of the structure that the base lacks
 
 Examples:
   mr-damper close --estimate a.csv b.csv --confirm c.csv --test d.csv --out damper.toml --report close.html
@@ -62,8 +65,9 @@ Examples:
 /// The base model simulates the training runs (--estimate) from displacement and drive. The residual is compared with a
 /// library of effects (coil lag, friction, a spring in series, ...). An effect is accepted if it is significant, its
 /// parameters are in their physical range, and it reduces the error on every validation run (--confirm); at most three
-/// effects are accepted. The test runs (--test) are read once, at the end. If no effect is found, no model file is
-/// written; the exit code is still 0.
+/// effects are accepted. The error that remains is searched for terms: effects that the library does not have (--terms).
+/// The test runs (--test) are read once, at the end. If neither an effect nor a term is found, no model file is written;
+/// the exit code is still 0.
 ///
 /// With --live, a running node does this for its own model, on its input history.
 #[derive(Debug, clap::Args)]
@@ -129,6 +133,13 @@ pub struct RecordedArgs {
     /// inertia=0:200 for masses up to 200 kg. May be given several times.
     #[arg(long, group = GROUP, value_name = "ID=LOW:HIGH", allow_hyphen_values = true, value_parser = range)]
     pub range: Vec<(String, [f64; 2])>,
+    /// Largest number of terms to discover in the error that the effects of the library leave; 0 for none.
+    #[arg(long, group = GROUP, value_name = "N", default_value_t = MAX_TERMS as u8, value_parser = clap::value_parser!(u8).range(0..=MAX_TERMS as i64))]
+    pub terms: u8,
+    /// Runs of the same damper when it was healthy, with any excitation. They tell a term that is an effect from one that the structure of
+    /// the base lacks. With --reference no terms are discovered.
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1.., conflicts_with = "reference")]
+    pub healthy: Vec<PathBuf>,
     /// Model file to write.
     #[arg(long, group = GROUP, value_name = "MODEL+.toml", required = false, required_unless_present = "live")]
     pub out: PathBuf,
@@ -193,8 +204,8 @@ fn on_runs(args: &RecordedArgs, output: &OutputArgs, context: &CliContext) -> Re
             .map(|(_, data)| data.clone())
             .collect()
     };
-    let [estimate, confirm, test, reference, replicates] =
-        [Role::Estimate, Role::Confirm, Role::Test, Role::Reference, Role::Replicate].map(of);
+    let [estimate, confirm, test, reference, replicates, healthy] =
+        [Role::Estimate, Role::Confirm, Role::Test, Role::Reference, Role::Replicate, Role::Healthy].map(of);
     drop(data);
     let runs = Runs {
         estimate: &estimate,
@@ -202,6 +213,7 @@ fn on_runs(args: &RecordedArgs, output: &OutputArgs, context: &CliContext) -> Re
         test: &test,
         reference: &reference,
         replicates: &replicates,
+        healthy: &healthy,
     };
     let result = close(&base, &runs, args, context, &working)?;
     drop(working);
@@ -224,6 +236,7 @@ fn close(
         ranges: args.range.iter().try_fold(Ranges::default(), with)?,
         noise_floor_n: args.noise_floor,
         block_s: args.block_s,
+        most_terms: args.terms.into(),
         seed: args.seed,
         ..Settings::default()
     };

@@ -132,6 +132,15 @@ fn unsuitable_input_is_refused_before_any_work() {
     // Files and numbers.
     refused(&format!("{three} --report none/r.html"), 1, &["none/r.html", "no folder none"]);
     refused(&format!("{three} --noise-floor -3"), 2, &["--noise-floor", "positive number of newtons"]);
+    refused(&format!("{three} --terms 4"), 2, &["--terms", "0..=3"]);
+    refused(&format!("{three} --terms 0 --healthy d.csv"), 2, &["--healthy", "--terms 0", "Leave one"]);
+    refused(
+        &format!("{three} --healthy copy-of-a.csv"),
+        1,
+        &["given with --healthy", "a run that is used twice"],
+    );
+    let both = format!("{three} --healthy d.csv --reference a.csv b.csv c.csv");
+    refused(&both, 2, &["--healthy", "--reference", "cannot be used with"]);
     refused(&format!("{three} --effects coil_lag,cavitation"), 2, &["cavitation", "coil_lag, remanence"]);
     refused(&preset("--estimate a.csv --confirm none.csv"), 1, &["none.csv"]);
     let own = ["close", "--base", "a.toml", "--estimate", "b.csv", "--confirm", "c.csv", "--out", "a.toml"];
@@ -164,6 +173,8 @@ fn the_help_explains_each_set_of_runs() {
         "no file may be used twice",
         "test runs: read once",
         "--replicates",
+        "--healthy",
+        "--terms <N>",
         "Examples:",
         "mr-damper close [--base",
     ] {

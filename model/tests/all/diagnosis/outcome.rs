@@ -114,9 +114,17 @@ pub(crate) fn diagnose(case: &Case, instrumentation: Instrumentation) -> Result<
         placement: instrumentation.placement(),
         ..Options::default()
     };
-    let runs =
-        Runs { estimate: &estimate, confirm: &confirm, test: &test, reference: &reference, replicates: &[] };
-    let (settings, watch) = (Settings::default(), Watch::none());
+    let runs = Runs {
+        estimate: &estimate,
+        confirm: &confirm,
+        test: &test,
+        reference: &reference,
+        ..Runs::default()
+    };
+    // Terms have their own cases. With them each case takes several times as long, so only the shipped defaults include them.
+    let most_terms =
+        if instrumentation == Instrumentation::Auto { Settings::default().most_terms } else { 0 };
+    let (settings, watch) = (Settings { most_terms, ..Settings::default() }, Watch::none());
     let found = if instrumentation == Instrumentation::Auto {
         let bases = Bases { given: None, structures: &default_structures(true)?, options: &options };
         close_any(&bases, &runs, &settings, &watch, &|_| {})?

@@ -20,7 +20,8 @@ pub(crate) struct Rate {
 }
 
 impl Rate {
-    fn count(&mut self, hit: bool) {
+    /// Counts one case.
+    pub(crate) fn count(&mut self, hit: bool) {
         self.hits += u32::from(hit);
         self.of += 1;
     }

@@ -1,12 +1,15 @@
 //! A diagnosis as JSON, schema `mr-damper/close/1`: printed by the command and returned by the action.
 
-use super::words;
+use super::{terms, words};
 use mr_damper_base::provenance::TOOL;
+use mr_damper_model::diagnose::discover::{FoundTerm, RefusedTerm};
 use mr_damper_model::diagnose::{
     Alignment, Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors,
     StructureRow, TestResult,
 };
+use mr_damper_model::effect::term::Term;
 use mr_damper_model::metrics::Fit;
+use mr_damper_model::sample::DriveKind;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -26,6 +29,10 @@ pub struct DiagnosisReport<'a> {
     base_fault: Option<String>,
     base_fault_reason: Option<Refusal>,
     effects: Vec<EffectRow<'a>>,
+    /// Discovered terms; the model has them beside the effects.
+    terms: Vec<TermRow>,
+    /// The best term that was not accepted.
+    refused_term: Option<RefusedTermRow>,
     refused: Vec<RefusedRow<'a>>,
     untestable: Vec<RefusedRow<'a>>,
     test: Option<TestRow<'a>>,
@@ -85,23 +92,24 @@ pub struct ReportDocument<'a, R> {
     seed: u64,
     seconds: f64,
     runs: Vec<R>,
-    /// The model file; `null` when no effect was named.
+    /// The model file; `null` when neither an effect nor a term was found.
     model_file: Option<&'a Path>,
 }
 
 impl<'a, R: Serialize> ReportDocument<'a, R> {
     /// The report on `result`, which took `seconds` on `runs` with the random seed `seed` and whose model is in
-    /// `model_file`.
+    /// `model_file`. `drive` is the kind of the drive in the runs.
     #[must_use]
     pub fn new(
         result: &'a DiagnosisResult,
+        drive: Option<DriveKind>,
         seed: u64,
         seconds: f64,
         runs: impl IntoIterator<Item = R>,
         model_file: Option<&'a Path>,
     ) -> Self {
         let runs = runs.into_iter().collect();
-        Self { report: DiagnosisReport::of(result), tool: TOOL, seed, seconds, runs, model_file }
+        Self { report: DiagnosisReport::of(result, drive), tool: TOOL, seed, seconds, runs, model_file }
     }
 }
 
@@ -142,6 +150,53 @@ struct EffectRow<'a> {
     p_adjusted: f64,
     share_removed: f64,
     confirmed: f64,
+}
+
+/// The kind and the numbers of a term.
+#[derive(Debug, Serialize)]
+struct TermNumbers {
+    modulator: &'static str,
+    argument: &'static str,
+    form: &'static str,
+    /// The amount, and the parameters of the form.
+    parameters: BTreeMap<&'static str, f64>,
+    /// Their units; empty for a share of the force.
+    units: BTreeMap<&'static str, String>,
+    equation: String,
+}
+
+#[derive(Debug, Serialize)]
+struct TermRow {
+    #[serde(flatten)]
+    numbers: TermNumbers,
+    /// Of each of `parameters`; empty if there are none.
+    ci95: BTreeMap<&'static str, [f64; 2]>,
+    /// Range of the argument in the data.
+    confirmed_in: [f64; 2],
+    sentence: String,
+    /// `effect`, `structure` or `effect_or_structure`.
+    claim: &'static str,
+    /// Amount on the healthy runs as a share of `amount`; `null` without healthy runs.
+    on_healthy: Option<f64>,
+    /// Modulator and argument of the pairs that the runs cannot distinguish from the term's.
+    class: Vec<[&'static str; 2]>,
+    p: f64,
+    /// Share of the squared error on the validation runs.
+    share_removed: f64,
+    hypotheses: Vec<HypothesisRow>,
+}
+
+#[derive(Debug, Serialize)]
+struct HypothesisRow {
+    cause: &'static str,
+    test: &'static str,
+}
+
+#[derive(Debug, Serialize)]
+struct RefusedTermRow {
+    #[serde(flatten)]
+    numbers: TermNumbers,
+    why: String,
 }
 
 #[derive(Debug, Serialize)]
@@ -221,9 +276,9 @@ struct StructureJson<'a> {
 }
 
 impl<'a> DiagnosisReport<'a> {
-    /// Everything that `result` found.
+    /// Everything that `result` found. `drive` is the kind of the drive in the runs.
     #[must_use]
-    pub fn of(result: &'a DiagnosisResult) -> Self {
+    pub fn of(result: &'a DiagnosisResult, drive: Option<DriveKind>) -> Self {
         let (base, floor, left) = (&result.before.force, &result.noise_floor, &result.remaining);
         Self {
             schema: SCHEMA,
@@ -238,6 +293,8 @@ impl<'a> DiagnosisReport<'a> {
             base_fault: result.base_fault.as_ref().map(ToString::to_string),
             base_fault_reason: result.base_fault.clone().map(Refusal::BaseInadequate),
             effects: result.effects.iter().map(effect).collect(),
+            terms: result.discovery.terms.iter().map(|found| term(found, drive)).collect(),
+            refused_term: result.discovery.refused.as_ref().map(|refused| refused_term(refused, drive)),
             refused: words::refused(result).into_iter().map(refused).collect(),
             untestable: result.untestable.iter().map(refused).collect(),
             test: result.test.as_ref().map(test_row),
@@ -305,6 +362,45 @@ fn effect(named: &NamedEffect) -> EffectRow<'_> {
         share_removed: named.share_removed,
         confirmed: named.confirmed,
     }
+}
+
+fn term_numbers(term: &Term, drive: Option<DriveKind>) -> TermNumbers {
+    let (modulator, argument, form) = term.kind();
+    let unit = words::drive_unit(drive);
+    let numbers = term.numbers(unit);
+    TermNumbers {
+        modulator: modulator.name(),
+        argument: argument.name(),
+        form: form.name(),
+        parameters: numbers.iter().map(|own| (own.name, own.value)).collect(),
+        units: numbers.into_iter().map(|own| (own.name, own.unit)).collect(),
+        equation: term.equation(unit),
+    }
+}
+
+fn term(found: &FoundTerm, drive: Option<DriveKind>) -> TermRow {
+    let term = &found.term;
+    let numbers = terms::numbers(term, &found.ci95, drive);
+    TermRow {
+        numbers: term_numbers(term, drive),
+        ci95: numbers.iter().filter_map(|number| Some((number.name, number.ci95?))).collect(),
+        confirmed_in: term.confirmed_in(),
+        sentence: term.sentence(words::drive_unit(drive)),
+        claim: found.claim.name(),
+        on_healthy: terms::on_healthy(found.claim),
+        class: found.class.iter().map(|(modulator, argument)| [modulator.name(), argument.name()]).collect(),
+        p: found.p,
+        share_removed: found.confirmed,
+        hypotheses: found
+            .hypotheses()
+            .into_iter()
+            .map(|hypothesis| HypothesisRow { cause: hypothesis.cause, test: hypothesis.test })
+            .collect(),
+    }
+}
+
+fn refused_term(refused: &RefusedTerm, drive: Option<DriveKind>) -> RefusedTermRow {
+    RefusedTermRow { numbers: term_numbers(&refused.term, drive), why: refused.why.to_string() }
 }
 
 fn refused(refused: &RefusedEffect) -> RefusedRow<'_> {

@@ -3,6 +3,7 @@
 pub mod json;
 mod page;
 mod plots;
+mod terms;
 mod text;
 mod traces;
 pub mod words;

@@ -2,7 +2,7 @@
 
 use super::plots::ResidualPlots;
 use super::traces::RunTrace;
-use super::words;
+use super::{terms, words};
 use crate::page::{capital, page, section};
 use crate::table::{bars, facts, table};
 use maud::{Markup, html};
@@ -32,14 +32,14 @@ pub struct DiagnosisOutcome<'a> {
 #[must_use]
 pub fn html(outcome: &DiagnosisOutcome<'_>) -> String {
     let result = outcome.result;
-    let plots = ResidualPlots { runs: &outcome.traces, named: !result.effects.is_empty() };
+    let plots = ResidualPlots { runs: &outcome.traces, named: result.is_augmented() };
     let body = html! {
         (summary(result))
         (section("What was found", &found(result, outcome.drive)))
         @if !result.structures.is_empty() { (section("Structures of the base", &structures(result))) }
         (section("Error before and after", &errors(result)))
         (section("What each effect explains", &rounds(result)))
-        (section("Refused, and not testable", &reasons(result)))
+        (section("Refused, and not testable", &reasons(result, outcome.drive)))
         (section("Remaining error", &remaining_error(result)))
         @if !result.alignments.is_empty() {
             (section("Alignment with the reference runs", &html! {
@@ -58,7 +58,7 @@ pub fn html(outcome: &DiagnosisOutcome<'_>) -> String {
 fn summary(result: &DiagnosisResult) -> Markup {
     let proved = result.test.as_ref().is_some_and(TestResult::proves);
     let settled = matches!(result.verdict, Verdict::NothingToExplain | Verdict::Explained);
-    let tells = !result.effects.is_empty() || result.test.is_some();
+    let tells = result.is_augmented() || result.test.is_some();
     html! {
         p.verdict.bad[!settled] {
             (words::verdict(result))
@@ -86,7 +86,7 @@ pub(crate) fn found(result: &DiagnosisResult, drive: Option<DriveKind>) -> Marku
     let rows: Vec<Vec<String>> = result.effects.iter().flat_map(|named| parameters(named, drive)).collect();
     html! {
         @if result.effects.is_empty() {
-            p { "No effect was named." }
+            p { "No effect of the library was named." }
         } @else {
             div.named { (table(&columns, &rows)) }
             ul { @for named in &result.effects { li { (sentence(named)) } } }
@@ -94,6 +94,7 @@ pub(crate) fn found(result: &DiagnosisResult, drive: Option<DriveKind>) -> Marku
                 "corrected for all effects that were tried. " em { "Removed, training" } " is the share of the reducible error (above the noise "
                 "floor) on the training runs, " em { "removed, validation" } " the mean share of the squared error on the validation runs." }
         }
+        (terms::markup(&result.discovery, drive))
     }
 }
 
@@ -263,7 +264,7 @@ fn became(candidate: &Candidate, result: &DiagnosisResult) -> &'static str {
     }
 }
 
-fn reasons(result: &DiagnosisResult) -> Markup {
+fn reasons(result: &DiagnosisResult, drive: Option<DriveKind>) -> Markup {
     let refused = words::refused(result);
     let list = |all: &[&RefusedEffect]| {
         html! { ul { @for refused in all { li { b { (refused.effect.title()) } ": " (refused.why) } } } }
@@ -273,6 +274,10 @@ fn reasons(result: &DiagnosisResult) -> Markup {
             p { "No candidate was refused." }
         } @else {
             p { "Candidates that were refused:" } (list(&refused))
+        }
+        @if let Some(refused) = &result.discovery.refused {
+            p { "The best term that was not accepted:" }
+            ul { li { (terms::refused(refused, drive)) } }
         }
         @if result.untestable.is_empty() {
             p { "Every effect of the library could be tested." }

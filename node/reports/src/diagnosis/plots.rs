@@ -30,7 +30,7 @@ type Side = (&'static str, Ink, Pick);
 const BEFORE: Side = ("before", Ink::Before, |point| point.before_n);
 const AFTER: Side = ("after", Ink::After, |point| point.after_n);
 
-/// The residuals of some runs. Curves "after" are drawn only when an effect was `named`.
+/// The residuals of some runs. Curves "after" are drawn only when an effect or a term was `named`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ResidualPlots<'a> {
     pub(super) runs: &'a [RunTrace],

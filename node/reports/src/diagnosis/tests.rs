@@ -4,11 +4,13 @@ use super::*;
 use crate::tests::assert_balanced;
 use json::DiagnosisReport;
 use mr_damper_model::Error;
+use mr_damper_model::diagnose::discover::{Claim, Discovery, FoundTerm, RefusedTerm, TermRefusal};
 use mr_damper_model::diagnose::{
     Alignment, BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult,
     FloorSource, FoundParameter, MeanShift, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect,
     RemainingError, RunErrors, StructureFit, StructureRow, TestResult, Verdict,
 };
+use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
 use mr_damper_model::metrics::Fit;
@@ -105,6 +107,7 @@ pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisRe
             removed: Some(0.99),
             runs: test_runs.iter().map(|run| run_errors(run, 31.0, 5.2)).collect(),
         }),
+        discovery: Discovery::default(),
         structures: structures(),
         alignments: Vec::new(),
         mean_shift: None,
@@ -153,17 +156,141 @@ fn without_names(verdict: Verdict) -> DiagnosisResult {
     DiagnosisResult { verdict, effects: Vec::new(), after: found.before, test: None, ..found }
 }
 
+/// A force that falls by an eighth at 11.5 s. These runs cannot tell time from path.
+fn loss_of_force() -> FoundTerm {
+    let kind = (Modulator::Force, Argument::Time, Form::Step);
+    FoundTerm {
+        term: Term::new(kind, -0.126, &[11.5, 0.05], [0.0, 30.0]).expect("valid"),
+        claim: Claim::Effect { on_healthy: Some(0.04) },
+        class: vec![(Modulator::Force, Argument::Path)],
+        p: 0.002,
+        confirmed: 0.64,
+        ci95: vec![[-0.131, -0.121], [11.4, 11.6], [0.01, 0.09]],
+    }
+}
+
+/// A friction that grows with the drive, which may be structure.
+fn drive_friction() -> FoundTerm {
+    let kind = (Modulator::SignVelocity, Argument::Drive, Form::Linear);
+    FoundTerm {
+        term: Term::new(kind, 14.0, &[], [0.0, 2.0]).expect("valid"),
+        claim: Claim::EffectOrStructure { on_healthy: None },
+        class: Vec::new(),
+        p: 0.004,
+        confirmed: 0.11,
+        ci95: Vec::new(),
+    }
+}
+
+fn bump() -> RefusedTerm {
+    let kind = (Modulator::One, Argument::Displacement, Form::Bump);
+    RefusedTerm {
+        term: Term::new(kind, 9.0, &[0.004, 0.002], [-0.02, 0.02]).expect("valid"),
+        why: TermRefusal::NotSignificant { p: 0.21, allowed: 0.01 },
+    }
+}
+
+/// The diagnosis that found these terms and no effect.
+fn with_terms(terms: Vec<FoundTerm>) -> DiagnosisResult {
+    let found = DiagnosisResult { effects: Vec::new(), ..diagnosis_result(base(), &["sealed-1.csv"]) };
+    let all = Terms::new(&terms.iter().map(|found| found.term).collect::<Vec<_>>()).expect("few enough");
+    let after = Model { effects: Effects::NONE.with_terms(all), ..found.before };
+    DiagnosisResult { after, discovery: Discovery { terms, refused: Some(bump()) }, ..found }
+}
+
+#[test]
+fn the_text_says_what_a_term_is_and_what_may_be_claimed_about_it() {
+    let found = with_terms(vec![loss_of_force(), drive_friction()]);
+    let text = text(&found, Some(DriveKind::CoilCurrent));
+    assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");
+    let terms: Vec<&str> = text.lines().skip_while(|line| *line != "Not in the library").collect();
+    let terms = terms.split(|line| line.starts_with("Structures")).next().expect("a part");
+    insta::assert_snapshot!(terms.join("\n").trim_end());
+    let verdict =
+        "Explained: term (force, time, step) and term (sign_velocity, drive, linear) account for 94 %";
+    assert!(text.starts_with(verdict), "{text}");
+    let refused = "\nBest term that was not accepted\n  term (one, displacement, bump), F' = ";
+    assert!(text.contains(refused) && text.contains("p is 0.210"), "{text}");
+    assert!(!text.contains("Named"), "{text}");
+    let volts = short(&found, Some(DriveKind::CommandVoltage));
+    assert!(volts.contains("amount = 14.0 N/V"), "{volts}");
+}
+
+#[test]
+fn each_claim_has_its_own_words() {
+    let say = |claim| terms::claim(claim);
+    assert_eq!(say(Claim::Effect { on_healthy: None }), "an effect that the library does not have");
+    assert_eq!(
+        say(Claim::Effect { on_healthy: Some(0.04) }),
+        "an effect that the library does not have; on the healthy runs its amount is 4.0 % of this"
+    );
+    assert_eq!(
+        say(Claim::Structure { on_healthy: 0.97 }),
+        "the healthy damper has it too: the structure of the base lacks it; on the healthy runs its amount is 97 % of this"
+    );
+    assert_eq!(
+        say(Claim::EffectOrStructure { on_healthy: None }),
+        "effect or structure of the base: cannot tell without a healthy run (--healthy)"
+    );
+    let both = say(Claim::EffectOrStructure { on_healthy: Some(0.3) });
+    assert!(both.contains("the healthy runs cannot tell either") && !both.contains("--healthy"), "{both}");
+}
+
+#[test]
+fn the_json_has_the_terms_and_the_refused_one() {
+    let found = with_terms(vec![loss_of_force(), drive_friction()]);
+    let json = serde_json::to_value(DiagnosisReport::of(&found, Some(DriveKind::CoilCurrent))).expect("JSON");
+    let shown = serde_json::json!({ "terms": json["terms"], "refused_term": json["refused_term"] });
+    insta::assert_snapshot!(serde_json::to_string_pretty(&shown).expect("JSON"));
+}
+
+#[test]
+fn a_term_without_an_effect_is_a_model_with_curves_after() {
+    let (rig, data) = on_the_rig();
+    let terms = with_terms(vec![loss_of_force()]);
+    let found = DiagnosisResult {
+        before: rig.before,
+        after: Model { effects: terms.after.effects, ..rig.before },
+        ..terms
+    };
+    let page = html(&DiagnosisOutcome {
+        what: String::new(),
+        result: &found,
+        drive: Some(DriveKind::CoilCurrent),
+        traces: vec![RunTrace::of(&found, &data[0], &[])],
+        provenance: Vec::new(),
+    });
+    assert_balanced(&page);
+    for word in [
+        "term (force, time, step)",
+        "No effect of the library was named.",
+        "An effect that the library does not have",
+        "Hypotheses about the cause, with what would tell them apart.",
+        "a fault of the coil; to test it: ",
+        "Confirmed for time since the start from 0 to 30 s",
+        "Curve of the term (force, time, step) over its argument",
+        "The best term that was not accepted:",
+        ">after<",
+    ] {
+        assert!(page.contains(word), "{word} is missing");
+    }
+    assert!(!page.contains("NaN"));
+}
+
 #[test]
 fn the_json_is_as_contracted() {
     let found = diagnosis_result(base(), &["sealed-1.csv", "sealed-2.csv"]);
-    insta::assert_snapshot!(serde_json::to_string_pretty(&DiagnosisReport::of(&found)).expect("JSON"));
+    insta::assert_snapshot!(
+        serde_json::to_string_pretty(&DiagnosisReport::of(&found, Some(DriveKind::CoilCurrent)))
+            .expect("JSON")
+    );
 }
 
 #[test]
 fn unknown_values_are_null_in_json() {
     let mut found = without_names(Verdict::Unexplained);
     found.remaining.share = f64::NAN;
-    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    let json = serde_json::to_value(DiagnosisReport::of(&found, Some(DriveKind::CoilCurrent))).expect("JSON");
     assert!(json["test"].is_null() && json["left_over"]["share"].is_null(), "{json:#}");
     assert_eq!(
         (&json["verdict"], json["effects"].as_array().map(Vec::len)),
@@ -226,7 +353,7 @@ fn json_gives_the_code_and_the_numbers_of_each_reason() {
         refused: vec![RefusedEffect { effect: Effect::CoilLag, why: Refusal::BaseInadequate(fault()) }],
         ..without_names(Verdict::BaseInadequate)
     };
-    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    let json = serde_json::to_value(DiagnosisReport::of(&found, Some(DriveKind::CoilCurrent))).expect("JSON");
     let reason = serde_json::json!({
         "code": "base_inadequate", "base": "sp", "alternative": "bouc-wen", "alternative_share": 0.2, "one_effect_share": 0.6,
         "all_effects_share": 0.5,
@@ -274,7 +401,7 @@ fn short_test_runs_give_no_interval_and_say_how_much_motion_is_needed() {
     ] {
         assert!(words.contains(part), "{part} is missing: {words}");
     }
-    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    let json = serde_json::to_value(DiagnosisReport::of(&found, Some(DriveKind::CoilCurrent))).expect("JSON");
     let test = &json["test"];
     assert!(test["ratio_ci95"].is_null() && test["needed_s"] == 24.0, "{test:#}");
     assert!(test["no_interval"].as_str().is_some_and(|why| why.contains("needs 8")), "{test:#}");
@@ -284,7 +411,7 @@ fn short_test_runs_give_no_interval_and_say_how_much_motion_is_needed() {
 fn an_unknown_noise_floor_is_null_in_json_and_named_in_the_text() {
     let mut found = diagnosis_result(base(), &["a"]);
     found.noise_floor = NoiseFloor { source: FloorSource::Unknown, rsse_n: 0.0, esr: 0.0 };
-    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    let json = serde_json::to_value(DiagnosisReport::of(&found, Some(DriveKind::CoilCurrent))).expect("JSON");
     let floor = &json["noise_floor"];
     assert!(floor["source"] == "unknown" && floor["rsse_n"].is_null() && floor["esr"].is_null(), "{floor:#}");
     let words = text(&found, None).split_whitespace().collect::<Vec<_>>().join(" ");
@@ -405,7 +532,8 @@ fn in_paired_mode_the_text_says_how_runs_were_aligned_and_what_moved_the_mean_fo
     ] {
         assert!(shown.contains(part), "{part}: {shown}");
     }
-    let json = serde_json::to_value(DiagnosisReport::of(&paired)).expect("JSON");
+    let json =
+        serde_json::to_value(DiagnosisReport::of(&paired, Some(DriveKind::CoilCurrent))).expect("JSON");
     assert_eq!(json["alignments"][0]["by"], "crank_angle");
     assert_eq!(json["mean_shift"]["causes"], serde_json::json!(["gas_pressure", "load_cell_zero"]));
     // Within chance there is nothing to say.

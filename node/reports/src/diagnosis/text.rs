@@ -1,6 +1,7 @@
 //! A diagnosis as text for a terminal. Lines have at most 110 columns unless names of runs are long.
 
-use super::words;
+use super::{terms, words};
+use mr_damper_model::diagnose::discover::FoundTerm;
 use mr_damper_model::diagnose::{DiagnosisResult, NamedEffect, Refusal};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::metrics::Fit;
@@ -17,13 +18,17 @@ pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     structures(&mut text, result);
     errors(&mut text, result);
     reasons(&mut text, "Refused", words::refused(result).into_iter().map(|r| (r.effect, &r.why)));
+    if let Some(refused) = &result.discovery.refused {
+        text += "\nBest term that was not accepted\n";
+        paragraph(&mut text, 2, &terms::refused(refused, drive));
+    }
     reasons(&mut text, "Not testable with these runs", result.untestable.iter().map(|r| (r.effect, &r.why)));
     remaining_error(&mut text, result);
     alignments(&mut text, result);
     text
 }
 
-/// The verdict, the proof on the test runs and the named effects.
+/// The verdict, the proof on the test runs, the named effects and the discovered terms.
 #[must_use]
 pub fn short(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     let mut text = String::new();
@@ -32,13 +37,19 @@ pub fn short(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     let remarks = [words::next_step(result), words::paired(result.mode)];
     remarks.into_iter().flatten().for_each(|remark| paragraph(&mut text, 0, remark));
     words::mean_shift(result).into_iter().for_each(|shift| paragraph(&mut text, 0, &shift));
-    if !result.effects.is_empty() || result.test.is_some() {
+    if result.is_augmented() || result.test.is_some() {
         paragraph(&mut text, 0, &words::proof(result.test.as_ref()));
     }
     if !result.effects.is_empty() {
         text += "\nNamed\n";
         for named in &result.effects {
             effect(&mut text, named, drive);
+        }
+    }
+    if !result.discovery.terms.is_empty() {
+        let _ = writeln!(text, "\n{}", terms::HEADING);
+        for found in &result.discovery.terms {
+            term(&mut text, found, drive);
         }
     }
     text
@@ -86,6 +97,28 @@ fn effect(text: &mut String, named: &NamedEffect, drive: Option<DriveKind>) {
         for (id, excitation) in settles {
             paragraph(text, 6, &format!("{id}: {excitation}"));
         }
+    }
+}
+
+fn term(text: &mut String, found: &FoundTerm, drive: Option<DriveKind>) {
+    let (term, unit) = (&found.term, words::drive_unit(drive));
+    paragraph(text, 2, &format!("{}: {}", words::term_title(term), term.equation(unit)));
+    paragraph(text, 4, &term.sentence(unit));
+    for number in terms::numbers(term, &found.ci95, drive) {
+        paragraph(text, 4, &number.in_words());
+    }
+    for line in [terms::confirmed(term, drive), terms::claim(found.claim), terms::evidence(found)] {
+        paragraph(text, 4, &line);
+    }
+    if let Some(others) = terms::class(found) {
+        paragraph(text, 4, &format!("or one of {others}: these runs cannot distinguish them"));
+    }
+    let hypotheses = found.hypotheses();
+    if !hypotheses.is_empty() {
+        paragraph(text, 4, &format!("{}:", terms::HYPOTHESES));
+    }
+    for hypothesis in hypotheses {
+        paragraph(text, 6, &format!("{}; to test it: {}", hypothesis.cause, hypothesis.test));
     }
 }
 

@@ -4,6 +4,7 @@ use mr_damper_model::diagnose::{
     Alignment, DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal,
     RefusedEffect, Stage, StructureRow, TestResult, Verdict,
 };
+use mr_damper_model::effect::term::{ID, Term};
 use mr_damper_model::effect::{Effect, EffectModel, Parameter};
 use mr_damper_model::sample::DriveKind;
 use mr_damper_model::units::N_PER_LBF;
@@ -19,6 +20,7 @@ pub fn stage_in_words(stage: Stage) -> String {
         Stage::Refits(round) => format!("effect {round}: refitting the best candidates"),
         Stage::Pruning => "removing effects that are not needed".to_owned(),
         Stage::Alternative => "checking whether an alternative structure of the base would do".to_owned(),
+        Stage::Terms(round) => format!("term {round}: searching for what the library does not have"),
         Stage::TestRuns => "reading the test runs".to_owned(),
     }
 }
@@ -125,11 +127,15 @@ pub(crate) fn structure(row: &StructureRow) -> String {
 #[must_use]
 pub fn quantity(name: &str, drive: Option<DriveKind>) -> (String, &'static str) {
     let Some(parameter) = Parameter::named(name) else { return (name.replace('_', " "), "") };
-    let of_drive = match drive {
-        Some(DriveKind::CommandVoltage) => "V",
-        _ => "A",
-    };
-    (parameter.label(), parameter.unit.symbol().unwrap_or(of_drive))
+    (parameter.label(), parameter.unit.symbol().unwrap_or_else(|| drive_unit(drive)))
+}
+
+/// The unit of a drive; A if the drive is not known.
+pub(crate) const fn drive_unit(drive: Option<DriveKind>) -> &'static str {
+    match drive {
+        Some(drive) => drive.unit(),
+        None => "A",
+    }
 }
 
 /// A parameter with its 95 % interval and its physical range.
@@ -155,10 +161,18 @@ pub fn list(names: &[String]) -> String {
     }
 }
 
-/// Titles of the named effects.
+/// Titles of the named effects and of the discovered terms.
 #[must_use]
 pub fn titles(result: &DiagnosisResult) -> Vec<String> {
-    result.effects.iter().map(|named| title(&named.effect)).collect()
+    let effects = result.effects.iter().map(|named| title(&named.effect));
+    effects.chain(result.discovery.terms.iter().map(|found| term_title(&found.term))).collect()
+}
+
+/// Modulator, argument and form of a term.
+#[must_use]
+pub fn term_title(term: &Term) -> String {
+    let (modulator, argument, form) = term.kind();
+    format!("{ID} ({}, {}, {})", modulator.name(), argument.name(), form.name())
 }
 
 /// Id and form of an effect.
@@ -171,9 +185,9 @@ pub fn title(effect: &EffectModel) -> String {
 #[must_use]
 pub fn verdict(result: &DiagnosisResult) -> String {
     let left = &result.remaining;
-    let (lof, names) = (figure(left.lof_before), list(&titles(result)));
-    let (verb, gone) =
-        (if result.effects.len() == 1 { "accounts" } else { "account" }, percent(1.0 - left.share));
+    let titles = titles(result);
+    let (lof, names) = (figure(left.lof_before), list(&titles));
+    let (verb, gone) = (if titles.len() == 1 { "accounts" } else { "account" }, percent(1.0 - left.share));
     match result.verdict {
         Verdict::NothingToExplain => format!(
             "Nothing to explain: the residual of the base model is not larger than noise (lack of fit {lof})."
@@ -185,7 +199,7 @@ pub fn verdict(result: &DiagnosisResult) -> String {
             "Partly explained: {names} {verb} for {gone} of the reducible error (above the noise floor); {} remains.",
             percent(left.share)
         ),
-        Verdict::Unexplained if !result.effects.is_empty() => format!(
+        Verdict::Unexplained if result.is_augmented() => format!(
             "Unexplained: the error of the base model is above the noise floor (lack of fit {lof}), and the test runs do not \
              prove that {names} would reduce it."
         ),
@@ -262,7 +276,7 @@ const FEW_BLOCKS: usize = 10;
 pub fn next_step(result: &DiagnosisResult) -> Option<&'static str> {
     let no_interval = result.test.as_ref().is_some_and(|test| test.ratio_ci95.is_err());
     match (result.verdict, result.mode) {
-        (Verdict::Unexplained, _) if no_interval && !result.effects.is_empty() => {
+        (Verdict::Unexplained, _) if no_interval && result.is_augmented() => {
             Some("Give longer test runs with --test.")
         }
         (Verdict::Unexplained, _) if result.blocks < FEW_BLOCKS => Some(

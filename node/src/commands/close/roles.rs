@@ -26,17 +26,19 @@ const fn flag(role: Role) -> &'static str {
         Role::Test => "--test",
         Role::Reference => "--reference",
         Role::Replicate => "--replicates",
+        Role::Healthy => "--healthy",
     }
 }
 
 /// All paths, in the order in which they are read.
 fn paths(args: &RecordedArgs) -> Vec<(Role, &Path)> {
-    let lists: [(Role, &[PathBuf]); 5] = [
+    let lists: [(Role, &[PathBuf]); 6] = [
         (Role::Estimate, &args.estimate),
         (Role::Confirm, &args.confirm),
         (Role::Test, &args.test),
         (Role::Reference, &args.reference),
         (Role::Replicate, &args.replicates),
+        (Role::Healthy, &args.healthy),
     ];
     lists.into_iter().flat_map(|(role, paths)| paths.iter().map(move |path| (role, path.as_path()))).collect()
 }
@@ -44,7 +46,8 @@ fn paths(args: &RecordedArgs) -> Vec<(Role, &Path)> {
 /// Checks the numbers of runs, before any file is read.
 ///
 /// # Errors
-/// [`NodeError::Usage`] without a validation run, with only one replicate, or without a reference run for each other run.
+/// [`NodeError::Usage`] without a validation run, with only one replicate, without a reference run for each other run, or with healthy
+/// runs but no term to discover.
 pub(super) fn check_counts(args: &RecordedArgs) -> Result<(), NodeError> {
     if args.confirm.is_empty() {
         return Err(NodeError::Usage(
@@ -59,6 +62,12 @@ pub(super) fn check_counts(args: &RecordedArgs) -> Result<(), NodeError> {
              least two with --replicates, or the floor itself with --noise-floor",
             args.replicates[0].display()
         )));
+    }
+    if !args.healthy.is_empty() && args.terms == 0 {
+        return Err(NodeError::Usage(
+            "--healthy cannot be combined with --terms 0: healthy runs only tell what a discovered term is. Leave one of the two out"
+                .to_owned(),
+        ));
     }
     let (references, runs) =
         (args.reference.len(), args.estimate.len() + args.confirm.len() + args.test.len());

@@ -71,18 +71,18 @@ pub(super) fn all(
     if context.interrupt.is_raised() {
         return Err(NodeError::Interrupted);
     }
-    let named = !done.result.effects.is_empty();
-    if named {
+    let found = done.result.is_augmented();
+    if found {
         let origin =
             TrainingOrigin { seed: args.seed, restarts: done.base.restarts, runs: training_runs(done) };
         let text = augmented_file::model_file(&done.result, &done.runs, origin).to_toml()?;
         write_text(&args.out, &text)?;
     }
     output.page(|| Ok(report::html(&outcome(args, done, context)?)))?;
-    let runs = done.given.iter().map(run_row);
-    let model_file = named.then_some(args.out.as_path());
-    let written = json::ReportDocument::new(&done.result, args.seed, done.seconds, runs, model_file);
     let drive = augmented_file::drive(&done.result, &done.runs);
+    let runs = done.given.iter().map(run_row);
+    let model_file = found.then_some(args.out.as_path());
+    let written = json::ReportDocument::new(&done.result, drive, args.seed, done.seconds, runs, model_file);
     output.figures(&written, || report::text(&done.result, drive) + &ending(args, done))
 }
 
@@ -135,16 +135,17 @@ const fn role_in_words(role: Role) -> &'static str {
         Role::Test => "test run",
         Role::Reference => "reference run",
         Role::Replicate => "replicate",
+        Role::Healthy => "healthy run",
     }
 }
 
 /// Lines on the model file that was written and on the time taken.
 fn ending(args: &RecordedArgs, done: &Done<'_>) -> String {
     let out = args.out.display();
-    let model = match (done.result.effects.is_empty(), args.out.exists()) {
-        (false, _) => format!("model file: {out}"),
-        (true, true) => format!("no effect was found: no model file is written, {out} is unchanged"),
-        (true, false) => "no effect was found: no model file is written".to_owned(),
+    let model = match (done.result.is_augmented(), args.out.exists()) {
+        (true, _) => format!("model file: {out}"),
+        (false, true) => format!("no effect was found: no model file is written, {out} is unchanged"),
+        (false, false) => "no effect was found: no model file is written".to_owned(),
     };
     format!("\n{model}\n{:.1} s\n", done.seconds)
 }
@@ -162,4 +163,100 @@ fn training_runs(done: &Done<'_>) -> Vec<TrainingRun> {
     let known = |run: &&TrainingRun| done.given.iter().all(|given| given.sha256 != run.sha256);
     let before = done.base.runs.iter().filter(known);
     own.chain(before.map(|run| TrainingRun { role: Some(Role::Base), ..run.clone() })).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::commands::close::Args;
+    use crate::estimation::models;
+    use crate::settings::config::RosArgs;
+    use crate::settings::interrupt::Interrupt;
+    use clap::Parser;
+    use mr_damper_model::diagnose::discover::{Claim, Discovery, FoundTerm};
+    use mr_damper_model::diagnose::{DiagnosisMode, FloorSource, NoiseFloor, RemainingError, Verdict};
+    use mr_damper_model::effect::Effects;
+    use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
+    use mr_damper_model::model::Model;
+    use mr_damper_model::preset;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    /// A diagnosis that found no effect of the library, and these terms.
+    fn diagnosis(before: Model, terms: &[Term]) -> DiagnosisResult {
+        let found = |term: &Term| FoundTerm {
+            term: *term,
+            claim: Claim::Effect { on_healthy: None },
+            class: Vec::new(),
+            p: 0.002,
+            confirmed: 0.6,
+            ci95: Vec::new(),
+        };
+        let discovery = Discovery { terms: terms.iter().map(found).collect(), refused: None };
+        DiagnosisResult {
+            mode: DiagnosisMode::Absolute,
+            verdict: Verdict::PartlyExplained,
+            base_fault: None,
+            noise_floor: NoiseFloor { source: FloorSource::Declared, rsse_n: 5.0, esr: 1.6e-4 },
+            effects: Vec::new(),
+            refused: Vec::new(),
+            untestable: Vec::new(),
+            candidates: Vec::new(),
+            blocks: 30,
+            confirm: Vec::new(),
+            test: None,
+            remaining: RemainingError { lof: 0.1, lof_before: 0.9, share: 0.3, correlates_with: Vec::new() },
+            after: Model {
+                effects: Effects::NONE.with_terms(Terms::new(terms).expect("few enough")),
+                ..before
+            },
+            before,
+            discovery,
+            structures: Vec::new(),
+            alignments: Vec::new(),
+            mean_shift: None,
+        }
+    }
+
+    #[test]
+    fn a_term_without_an_effect_is_written_to_the_model_file_and_read_back() {
+        let dir = tempfile::tempdir().expect("a temporary directory");
+        let [out, json] = ["new.toml", "new.json"].map(|name| dir.path().join(name));
+        let write = |terms: &[Term]| {
+            let flags = ["close", "--estimate", "a.csv", "--confirm", "b.csv", "--out"].map(Path::new);
+            let line = flags.into_iter().chain([out.as_path(), Path::new("--json"), json.as_path()]);
+            let Args { output, recorded, .. } = Line::try_parse_from(line).expect("valid flags").args;
+            let recorded = recorded.expect("recorded runs");
+            assert_eq!(recorded.terms, 3, "the default");
+            let model = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
+            let done = Done {
+                result: diagnosis(model, terms),
+                base: Identified { model, source: "a preset".to_owned(), runs: Vec::new(), restarts: 0 },
+                runs: Runs::default(),
+                given: &[],
+                seconds: 1.0,
+            };
+            let context =
+                CliContext { interrupt: Interrupt::manual(), quiet: true, ros_args: RosArgs::default() };
+            all(&recorded, &output, &done, &context).expect("it is written");
+            let text = std::fs::read_to_string(&json).expect("JSON");
+            let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+            (done.result.after.effects, json)
+        };
+        let (_, json) = write(&[]);
+        assert!(!out.exists() && json["model_file"].is_null(), "{json:#}");
+
+        let kind = (Modulator::Force, Argument::Time, Form::Step);
+        let (effects, json) = write(&[Term::new(kind, -0.126, &[11.5, 0.05], [0.0, 30.0]).expect("valid")]);
+        assert_eq!(models::load_file(&out).expect("a model file").model.effects, effects);
+        assert_eq!(json["model_file"], out.display().to_string());
+        assert_eq!(
+            (&json["terms"][0]["argument"], &json["effects"]),
+            (&"time".into(), &serde_json::json!([]))
+        );
+    }
 }

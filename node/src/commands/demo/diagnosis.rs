@@ -66,7 +66,7 @@ impl FreshRuns {
 /// The result of the diagnosis.
 pub(super) struct DemoResult {
     pub(super) result: DiagnosisResult,
-    /// Path of the model with the effect; `None` if no effect was found.
+    /// Path of the model with what was found; `None` if nothing was found.
     pub(super) model: Option<PathBuf>,
     pub(super) seconds: f64,
     /// Description of the runs that were used.
@@ -108,8 +108,8 @@ pub(super) fn run(
         }
     };
     let result = diagnose::close(base, &runs, &settings, &watch, &say)?;
-    let named = !result.effects.is_empty();
-    if named {
+    let found = result.is_augmented();
+    if found {
         let origin = TrainingOrigin {
             seed: args.seed,
             runs: training_runs(&result, &runs),
@@ -120,7 +120,7 @@ pub(super) fn run(
     }
     Ok(DemoResult {
         result,
-        model: named.then(|| path.to_owned()),
+        model: found.then(|| path.to_owned()),
         seconds: started.elapsed().as_secs_f64(),
         runs: format!(
             "found on {recorded_s:.0} s of the service's history and {} fresh run{} of {BENCH_S:.0} s, validated on \

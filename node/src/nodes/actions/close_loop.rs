@@ -1,6 +1,7 @@
 //! The action `close_loop`: diagnoses the running model on the service's history, and adds the effects that it lacks.
 //!
-//! The new model is loaded only if `close_loop.auto_load` is set and it includes no drift of the load cell.
+//! The new model is loaded only if `close_loop.auto_load` is set, and it includes neither a drift of the load cell nor a term that counts from
+//! the start of a run.
 
 use super::{ActionContext, ActionError, ActionWork, Job, Step, total_s, write_new};
 use crate::estimation::control::Control;
@@ -8,7 +9,7 @@ use crate::ros2::answer_limit::{self, Shorten};
 use crate::settings::error::{NodeError, RequestError};
 use crate::streams::parameters::Parameters;
 use mr_damper_model::diagnose::{self, DiagnosisResult, Runs, Settings, Stage};
-use mr_damper_model::effect::{Effect, EffectModel};
+use mr_damper_model::effect::{Effect, Effects};
 use mr_damper_model::identify::Watch;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::Role;
@@ -17,7 +18,7 @@ use mr_damper_msgs::action::{CloseLoop, CloseLoopFeedback, CloseLoopGoal, CloseL
 use mr_damper_reports::augmented_file::{TrainingOrigin, drive, model_file, rows, training_runs};
 use mr_damper_reports::diagnosis as report;
 use mr_damper_reports::diagnosis::json;
-use mr_damper_reports::diagnosis::words::stage_in_words;
+use mr_damper_reports::diagnosis::words::{stage_in_words, term_title, titles};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -99,6 +100,7 @@ fn progress(stage: Stage) -> f32 {
         Stage::Refits(round) => (0.15 + 0.2 * (round as f32 - 1.0)).min(0.65),
         Stage::Pruning => 0.7,
         Stage::Alternative => 0.75,
+        Stage::Terms(round) => (0.8 + 0.05 * (round as f32 - 1.0)).min(0.9),
         Stage::TestRuns => 0.95,
     }
 }
@@ -152,7 +154,7 @@ fn error_json(error: &NodeError) -> String {
 }
 
 impl Diagnosis {
-    /// Runs the diagnosis, writes a model file if an effect was named, loads the model if that is allowed, and returns the
+    /// Runs the diagnosis, writes a model file if an effect or a term was found, loads the model if that is allowed, and returns the
     /// report as JSON.
     ///
     /// # Errors
@@ -199,7 +201,8 @@ impl Diagnosis {
             runs: training_runs(&result, &runs),
             ..TrainingOrigin::default()
         };
-        let path = (!result.effects.is_empty())
+        let path = result
+            .is_augmented()
             .then(|| {
                 write_new(
                     &self.folder,
@@ -217,12 +220,20 @@ impl Diagnosis {
         let parts = parts.into_iter();
         let row = |(role, run): (_, Run)| RunRow { role, seconds: run.duration().get(), run: run.name };
         let seconds = started.elapsed().as_secs_f64();
+        let drive = drive(&result, &runs);
         let report = GoalReport {
-            written: json::ReportDocument::new(&result, SEED, seconds, parts.map(row), path.as_deref()),
+            written: json::ReportDocument::new(
+                &result,
+                drive,
+                SEED,
+                seconds,
+                parts.map(row),
+                path.as_deref(),
+            ),
             note: NOTE,
             loaded: *loaded.as_ref().unwrap_or(&false),
             load_error: loaded.err().map(|error| error.to_string()),
-            text: report::text(&result, drive(&result, &runs)),
+            text: report::text(&result, drive),
         };
         Ok(serde_json::to_string(&report).map_err(ActionError::Report)?)
     }
@@ -237,22 +248,32 @@ impl Diagnosis {
 }
 
 impl AutoLoad {
-    /// Loads `model` from `path`, unless it includes a drift of the load cell, or the diagnosed model has been replaced meanwhile.
+    /// Loads `model` from `path`, unless it includes an effect or a term that belongs to the past, or the diagnosed model has been replaced
+    /// meanwhile.
     fn load(&self, path: &Path, model: &Model) -> Result<(), NodeError> {
-        let drift = |effect: &EffectModel| effect.effect() == Effect::LoadCellDrift;
-        if model.effects.as_slice().iter().any(drift) {
-            let (effect, path) = (Effect::LoadCellDrift.id(), path.display().to_string());
-            return Err(RequestError::IncludesDrift { effect, path }.into());
-        }
+        check_history(&model.effects, path)?;
         self.control.load_model_over(&path.display().to_string(), &self.running)?;
         self.parameters.announce(&["model".to_owned()]);
         Ok(())
     }
 }
 
-/// The verdict and the named effects, for the log.
+/// Refuses `effects` that belong to the history that they were found on: a drift of the load cell, and a term that counts from the start of
+/// a run.
+fn check_history(effects: &Effects, path: &Path) -> Result<(), RequestError> {
+    let path = || path.display().to_string();
+    if effects.as_slice().iter().any(|effect| effect.effect() == Effect::LoadCellDrift) {
+        return Err(RequestError::IncludesDrift { effect: Effect::LoadCellDrift.id(), path: path() });
+    }
+    match effects.terms().iter().find(|term| term.kind().1.counts_from_start()) {
+        Some(term) => Err(RequestError::IncludesHistory { term: term_title(term), path: path() }),
+        None => Ok(()),
+    }
+}
+
+/// The verdict, and the effects and terms that were found, for the log.
 fn in_short(result: &DiagnosisResult) -> String {
-    let named: Vec<_> = result.effects.iter().map(|named| named.effect.effect().title()).collect();
+    let named = titles(result);
     let named = if named.is_empty() { "no effect named".to_owned() } else { named.join(", ") };
     format!("{}: {named}", result.verdict.name())
 }
@@ -300,6 +321,8 @@ fn split(runs: &[Run]) -> Result<Vec<(Role, Run)>, ActionError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mr_damper_model::effect::EffectModel;
+    use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
     use mr_damper_model::sample::{Stamp, Trace};
 
     /// A run at 100 Hz that begins at `from_s` and lasts `seconds`.
@@ -316,6 +339,25 @@ mod tests {
             .iter()
             .map(|(r, run)| (*r, run.displacement_m.len()))
             .collect()
+    }
+
+    #[test]
+    fn a_drift_or_a_term_that_counts_from_the_start_is_not_loaded_unasked() {
+        let refused = |effects: &Effects| check_history(effects, Path::new("/tmp/new.toml")).err();
+        let term = |argument| {
+            let kind = (Modulator::Force, argument, Form::Linear);
+            let term = Term::new(kind, -0.01, &[], [0.0, 30.0]).expect("valid");
+            Effects::NONE.with_terms(Terms::new(&[term]).expect("one"))
+        };
+        for argument in [Argument::Time, Argument::Path, Argument::Energy, Argument::TemperatureRise] {
+            let error = refused(&term(argument)).expect("it counts from the start").to_string();
+            let title = format!("term (force, {}, linear)", argument.name());
+            assert!(error.contains(&title) && error.contains("load_model with /tmp/new.toml"), "{error}");
+        }
+        assert_eq!(refused(&term(Argument::TimeSinceReversal)), None);
+        let drift = EffectModel::new(Effect::LoadCellDrift, &[0.1]).expect("in range");
+        let error = refused(&Effects::new(&[drift]).expect("one"));
+        assert!(matches!(error, Some(RequestError::IncludesDrift { .. })), "{error:?}");
     }
 
     #[test]

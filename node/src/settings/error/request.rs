@@ -114,6 +114,17 @@ pub enum RequestError {
         /// The model file.
         path: String,
     },
+    /// A new model includes a term that counts from the start of a run, so it is not loaded by itself.
+    #[error(
+        "the model is not loaded by itself, because it includes the {term}: it counts from the start of a run, so it belongs to the history \
+         that it was found on, and starts again at zero when the model is loaded; to load it, call load_model with {path}"
+    )]
+    IncludesHistory {
+        /// Title of the term.
+        term: String,
+        /// The model file.
+        path: String,
+    },
     /// The file of a new model exists.
     #[error("{path} exists already and is not overwritten; give another path in out")]
     FileExists {

@@ -231,7 +231,7 @@ function found({ found, report }) {
     parts.push(table(["simulation error", "RMSE before, N", "after, N", "squared error left"], found.errors.map(cells)));
   }
   const model = make("p");
-  if (!found.model_file) model.append("No effect was named, so no model file was written.");
+  if (!found.model_file) model.append("No effect was found, so no model file was written.");
   else if (found.loaded) model.append("The node runs the augmented model: ", make("code", found.model_file));
   else model.append(`The augmented model is not loaded${found.load_error ? ` (${found.load_error})` : ""}. To load it: `, make("code", found.load_line ?? ""));
   const file = found.model_file?.split("/").at(-1);

@@ -1,0 +1,189 @@
+//! Measures how often a diagnosis discovers an effect that its library does not have, on generated runs.
+//!
+//! ```text
+//! cargo run --release -p mr-damper-model --example discovery_rates -- [--seeds 2] [--first 0] [--only TEXT] [--fixed] [--no-healthy] [--terms]
+//!     --only TEXT    cases whose name contains it: "null", "wrong base", "aeration"
+//!     --fixed        with the base fuzzy-tanh, not the one that `close --base auto` chooses
+//!     --no-healthy   without a run of the healthy damper
+//!     --terms        prints the terms of each case
+//! ```
+//!
+//! A case has three runs of 30 s (training, validation, test) and one of the healthy damper with another excitation. The truth is the base's
+//! form (quasi-static valve), a Bouc-Wen valve, or a bristle valve. "Right" is a first term whose modulator and argument, or a pair of its
+//! class, are among those of the effect in [`truth`]: the effect's own signals, or signals that go with them.
+
+#[path = "../tests/all/diagnosis/mod.rs"]
+mod diagnosis;
+
+use diagnosis::cases::{CaseSpec, Kind, OUTSIDE, Valve};
+use diagnosis::instruments::Instrument;
+use diagnosis::rates::Rate;
+use mr_damper_model::Error;
+use mr_damper_model::diagnose::discover::FoundTerm;
+use mr_damper_model::diagnose::{
+    Bases, DiagnosisResult, Runs, Settings, close, close_any, default_structures,
+};
+use mr_damper_model::effect::term::{Argument, Modulator};
+use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
+use mr_damper_model::rig::inject::EFFECTS;
+use mr_damper_model::sample::Run;
+
+/// The first of the rig's effects that were written after the lists of modulators, arguments and forms.
+const FIRST_AFTER: &str = "seal_drag";
+
+/// Modulators and arguments with which an effect counts as found.
+fn truth(id: &str) -> (&'static [Modulator], &'static [Argument]) {
+    use Argument as Q;
+    use Modulator as M;
+    const SCALES: &[Modulator] =
+        &[M::Force, M::ForceInExtension, M::ForceInCompression, M::SignVelocity, M::DriveSignVelocity];
+    const CURRENT: &[Modulator] = &[M::ForcePerDrive, M::Force, M::DriveSignVelocity, M::SignVelocity];
+    const GROWS: &[Argument] = &[Q::Time, Q::Path, Q::Energy, Q::TemperatureRise];
+    match id {
+        "position_ripple" | "bore_score" => (SCALES, &[Q::Displacement, Q::DisplacementMagnitude]),
+        "force_loss" | "wear_step" | "seal_blowout" => (SCALES, GROWS),
+        "mains_hum" => (&[M::One], &[Q::Time]),
+        "seal_drag" => (&[M::One, M::SignVelocity, M::Velocity], &[Q::Velocity, Q::Speed]),
+        "stray_field" => (&[M::One, M::Drive], &[Q::Drive]),
+        "mount_resonance" => (&[M::One], &[Q::Force]),
+        "thixotropy" => (SCALES, &[Q::TimeSinceReversal, Q::Travel, Q::MeanSpeed, Q::Speed, Q::Velocity]),
+        "wall_slip" => (SCALES, &[Q::Speed, Q::Velocity, Q::Drive]),
+        "aeration" => (SCALES, &[Q::MeanSpeed, Q::Speed]),
+        "cavitation" => (
+            &[M::Force, M::ForceInExtension, M::ForceInCompression],
+            &[Q::Travel, Q::TimeSinceReversal, Q::Displacement, Q::DisplacementSignVelocity],
+        ),
+        "relief_valve" => (&[M::One, M::Force, M::SignVelocity], &[Q::Force]),
+        "core_saturation" => (CURRENT, &[Q::Drive]),
+        "current_sensor_creep" => (CURRENT, &[Q::Time]),
+        _ => (&[], &[]),
+    }
+}
+
+struct Arguments {
+    seeds: u64,
+    first: u64,
+    only: String,
+    fixed: bool,
+    healthy: bool,
+    terms: bool,
+}
+
+fn arguments() -> Result<Arguments, Box<dyn std::error::Error>> {
+    let mut given =
+        Arguments { seeds: 2, first: 0, only: String::new(), fixed: false, healthy: true, terms: false };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
+        match word.as_str() {
+            "--seeds" => given.seeds = value()?.parse()?,
+            "--first" => given.first = value()?.parse()?,
+            "--only" => given.only = value()?,
+            "--fixed" => given.fixed = true,
+            "--no-healthy" => given.healthy = false,
+            "--terms" => given.terms = true,
+            _ => return Err(format!("{word} is unknown; see the top of the example").into()),
+        }
+    }
+    Ok(given)
+}
+
+fn diagnose(spec: &CaseSpec, seed: u64, given: &Arguments) -> Result<DiagnosisResult, Error> {
+    let conditioning = diagnosis::outcome::CONDITIONING;
+    let rows = |runs: &[Run]| -> Result<Vec<Dataset>, Error> {
+        runs.iter().map(|run| Dataset::from_run(run, &conditioning, &DatasetOptions::default())).collect()
+    };
+    let case = spec.case(seed)?;
+    let (estimate, confirm, test) = (rows(&case.estimate)?, rows(&case.confirm)?, rows(&case.test)?);
+    let healthy = if given.healthy { rows(&spec.healthy(seed + 100_000)?.estimate)? } else { Vec::new() };
+    let options = Options { conditioning, choose_velocity: false, ..Options::default() };
+    let runs =
+        Runs { estimate: &estimate, confirm: &confirm, test: &test, healthy: &healthy, ..Runs::default() };
+    let (settings, watch) = (Settings::default(), Watch::none());
+    if given.fixed {
+        let base = identify_datasets(ModelSpec::FUZZY_TANH, &estimate, &options, &watch)?.model;
+        return close(&base, &runs, &settings, &watch, &|_| {});
+    }
+    let bases = Bases { given: None, structures: &default_structures(true)?, options: &options };
+    close_any(&bases, &runs, &settings, &watch, &|_| {})
+}
+
+/// True if the term, or a pair of its class, is of the effect `id`.
+fn is_right(id: &str, found: &FoundTerm) -> bool {
+    let (modulators, arguments) = truth(id);
+    let (modulator, argument, _) = found.term.kind();
+    let pairs = std::iter::once((modulator, argument)).chain(found.class.iter().copied());
+    pairs.into_iter().any(|(m, q)| modulators.contains(&m) && arguments.contains(&q))
+}
+
+fn print_terms(result: &DiagnosisResult) {
+    for found in &result.discovery.terms {
+        println!(
+            "      {} [{} {:?} {:?}] p {:.4}, removes {:.0} %; class {:?}",
+            found.term.equation("A"),
+            found.claim.name(),
+            found.claim,
+            found.ci95,
+            found.p,
+            100.0 * found.confirmed,
+            found.class
+        );
+    }
+    if let Some(refused) = &result.discovery.refused {
+        println!("      refused: {}: {}", refused.term.equation("A"), refused.why);
+    }
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let given = arguments()?;
+    let after = EFFECTS.iter().skip_while(|effect| effect.id != FIRST_AFTER).map(|e| (e.id, e.typical));
+    let effects: Vec<(&'static str, f64)> =
+        std::iter::once(("null", 0.0)).chain(OUTSIDE).chain(after).collect();
+    println!(
+        "right: first term;  effect: first term is called an effect;  removed: share of the reducible test error"
+    );
+    for kind in [Kind::Outside, Kind::WrongBase(Valve::BoucWen), Kind::WrongBase(Valve::Bristle)] {
+        let (mut right, mut removed) = (Rate::default(), Vec::new());
+        let mut false_effects = Rate::default();
+        for (id, size) in &effects {
+            let name = format!("{} {id}", kind.name());
+            if !name.contains(&given.only) {
+                continue;
+            }
+            let truth = if *id == "null" { Vec::new() } else { vec![(*id, *size)] };
+            let spec = CaseSpec { kind, truth, share: 1.0, instrument: Instrument::Fine };
+            for seed in given.first..given.first + given.seeds {
+                let result = diagnose(&spec, seed, &given)?;
+                let terms = &result.discovery.terms;
+                let ids: Vec<_> = result.effects.iter().map(|named| named.effect.effect().id()).collect();
+                let first = terms.first();
+                let is_right = first.is_some_and(|first| is_right(id, first));
+                let share = result.test.as_ref().and_then(|test| test.removed).unwrap_or(0.0);
+                let called = terms.iter().filter(|found| found.claim.is_effect()).count();
+                if *id == "null" {
+                    false_effects.count(called > 0);
+                } else {
+                    right.count(is_right);
+                    removed.push(share);
+                }
+                println!(
+                    "{name:<44} {seed:>4}  right {:<5} effects called {called}  removed {share:>6.3}  library {ids:?}  {}",
+                    is_right,
+                    first.map_or_else(String::new, |first| first.term.equation("A")),
+                );
+                if given.terms {
+                    print_terms(&result);
+                }
+            }
+        }
+        removed.sort_by(f64::total_cmp);
+        let median = removed.get(removed.len() / 2).copied().unwrap_or(f64::NAN);
+        println!(
+            "{}: right {}, median removed {median:.3}; called effects without one {}",
+            kind.name(),
+            right.text(),
+            false_effects.text()
+        );
+    }
+    Ok(())
+}

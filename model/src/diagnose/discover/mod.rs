@@ -1,0 +1,379 @@
+//! Discovery of terms: what is left after the library of effects is searched for an effect that no entry describes.
+//!
+//! ```text
+//! term            c m(t) g(q(t))                               modulator m, argument q, form g: [`crate::effect::term`]
+//! nuisance N      derivatives of the model by all its numbers, and a space of structures ([`structure`])
+//! screen          every pair (m, q): g as a curve of hat functions, then closed forms, with N projected off; fitted on the
+//!                 training runs, its gain measured on the validation runs with the same coefficients      ([`screen`])
+//! settle          the best pairs: numbers of the term refitted, then base, effects and terms together     ([`settle`])
+//! accept          gains on blocks of the validation runs, signs flipped, against the best of all pairs: p <= 0.01,
+//!                 and at least 5 % less squared error on the validation runs
+//! claim           effect, or structure that the base lacks, or not to be told                             ([`claim`])
+//! ```
+//!
+//! A wrong structure of the base leaves a residual that a term could take for an effect. The space of structures, a generalised Maxwell-slip
+//! model under fuzzy sets, contains the forces of many dampers, so what it can take away is not evidence for a term. Where nothing is found
+//! beyond that space, the search goes on without it: such a term may be structure, and only a healthy run can tell. A term is added to
+//! the model if it holds on runs that it was not fitted on, whatever its claim is. At most [`MAX_TERMS`] are added.
+//!
+//! Multiple testing: under the null hypothesis the gain on each block could equally be a loss. The largest gain of any pair under a flip of
+//! signs is compared with the gain found, so the number of pairs is paid for. Losses count at most as much as the pair's largest gain: a pair
+//! that explodes on one block would widen the distribution otherwise.
+
+mod claim;
+mod hypotheses;
+mod nuisance;
+mod screen;
+mod series;
+mod settle;
+mod structure;
+
+pub use claim::Claim;
+pub use hypotheses::Hypothesis;
+
+use super::blocks::Blocks;
+use super::finding::{NamedEffect, RefusedEffect};
+use super::interval::{Contents, Intervals};
+use super::joint::{Fitted, Joint};
+use super::procedure::{model_of, remaining_error, verdict};
+use super::refusal::Refusal;
+use super::round::LEAST_CONFIRMED;
+use super::rows::Rows;
+use super::space::without_effect;
+use super::{DiagnosisMode, DiagnosisResult, Runs, Settings, Stage, Verdict, test_runs};
+use crate::effect::term::{Argument, MAX_TERMS, Modulator, Term, Terms};
+use crate::effect::{Augmented, EffectModel, Effects};
+use crate::error::Error;
+use crate::identify::{Dataset, Scales, Watch};
+use claim::{Healthy, STRUCTURE};
+use nuisance::Side;
+use settle::Settled;
+
+/// Rate of the rows in the search, Hz. They are selected, not filtered.
+const RATE_HZ: f64 = 128.0;
+/// Largest number of rows of training or validation runs in the search.
+const MOST_ROWS: usize = 20_000;
+/// Evaluations of the last refits.
+const REFIT: usize = 12;
+/// Lack of fit below which nothing is left to discover.
+const NOTHING: f64 = 0.1;
+
+/// A term that was discovered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoundTerm {
+    /// The term, as it is in the model.
+    pub term: Term,
+    /// What may be claimed about it.
+    pub claim: Claim,
+    /// Modulator and argument of the other pairs that these runs cannot tell from it.
+    pub class: Vec<(Modulator, Argument)>,
+    /// Probability of a gain like this by chance, over all pairs.
+    pub p: f64,
+    /// Share of the squared error on the validation runs that it removes when it is added.
+    pub confirmed: f64,
+    /// 95 % interval of the amount and of each parameter.
+    pub ci95: Vec<[f64; 2]>,
+}
+
+/// A term that was not accepted, with the reason.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RefusedTerm {
+    /// The term, as it was fitted.
+    pub term: Term,
+    /// The reason.
+    pub why: TermRefusal,
+}
+
+/// Why a term was not accepted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TermRefusal {
+    /// The gain on the validation runs may be chance.
+    NotSignificant {
+        /// Probability of a gain like this by chance, over all pairs.
+        p: f64,
+        /// Largest probability allowed.
+        allowed: f64,
+    },
+    /// It removes too little of the squared error on the validation runs.
+    TooSmall {
+        /// Share that it removes.
+        share: f64,
+        /// Least share.
+        needed: f64,
+    },
+    /// The validation runs have too few blocks for the test.
+    TooFewBlocks {
+        /// Number of blocks.
+        blocks: usize,
+        /// Least number.
+        needed: usize,
+    },
+}
+
+impl std::fmt::Display for TermRefusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Self::NotSignificant { p, allowed } => {
+                write!(f, "its gain on the validation runs may be chance: p is {p:.3}, allowed is {allowed}")
+            }
+            Self::TooSmall { share, needed } => write!(
+                f,
+                "it removes {:.1} % of the squared error on the validation runs, and needs {:.0} %",
+                100.0 * share,
+                100.0 * needed
+            ),
+            Self::TooFewBlocks { blocks, needed } => write!(
+                f,
+                "the validation runs have {blocks} blocks, and the test needs {needed}: give more or longer validation runs"
+            ),
+        }
+    }
+}
+
+/// The result of a discovery.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Discovery {
+    /// Terms that were added to the model, in the order in which they were found.
+    pub terms: Vec<FoundTerm>,
+    /// The best term of the last round, which was not accepted; `None` if no pair had a gain.
+    pub refused: Option<RefusedTerm>,
+}
+
+/// Searches what `result` leaves for terms, and adds them to the model.
+///
+/// # Errors
+/// [`Error::Cancelled`]; errors of the simulation of the test runs.
+pub(super) fn extend(
+    result: DiagnosisResult,
+    runs: &Runs,
+    settings: &Settings,
+    watch: &Watch,
+    stage: &dyn Fn(Stage),
+) -> Result<DiagnosisResult, Error> {
+    let nothing_left = result.remaining.lof < NOTHING;
+    let no_name = matches!(result.verdict, Verdict::BaseInadequate | Verdict::NothingToExplain);
+    if settings.most_terms == 0 || result.mode == DiagnosisMode::Paired || no_name || nothing_left {
+        return Ok(result);
+    }
+    let [train, confirm] = [runs.estimate, runs.confirm].map(selected);
+    let search = Search {
+        beyond_structure: true,
+        train: &train,
+        confirm: &confirm,
+        runs,
+        settings,
+        joint: Joint {
+            rows: &train,
+            scales: Scales::of(runs.estimate)?,
+            ranges: settings.ranges,
+            base_moves: true,
+            watch,
+        },
+    };
+    let start = result.after.augmented();
+    // Where the library has explained the error, what is left is a detail of the structure, or an effect that no structure contains.
+    let only_beyond = result.verdict == Verdict::Explained;
+    let Some(found) = search.run(&start, result.noise_floor.rsse_n, only_beyond, stage)? else {
+        return Ok(result);
+    };
+    search.conclude(result, found)
+}
+
+/// The rows of the search: at most [`RATE_HZ`].
+fn selected(datasets: &[Dataset]) -> Rows<'_> {
+    let counted: usize = datasets.iter().map(Dataset::counted).sum();
+    let fastest = datasets.iter().map(|dataset| dataset.rate_hz).fold(RATE_HZ, f64::max);
+    let most = (counted as f64 * RATE_HZ / fastest).ceil() as usize;
+    Rows::new(datasets, most.clamp(1, MOST_ROWS))
+}
+
+/// What a search needs.
+#[derive(Clone, Copy)]
+struct Search<'a> {
+    /// The space of structures is projected off.
+    beyond_structure: bool,
+    train: &'a Rows<'a>,
+    confirm: &'a Rows<'a>,
+    runs: &'a Runs<'a>,
+    settings: &'a Settings,
+    joint: Joint<'a>,
+}
+
+/// One way to search; the next one is used when a round finds nothing.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    /// The space of structures is projected off.
+    beyond_structure: bool,
+    /// Terms that the healthy runs show too are among those searched.
+    structure_too: bool,
+}
+
+impl Step {
+    /// With healthy runs: first what they do not show, then what the structure of the base lacks.
+    const ALL: [Self; 3] = [
+        Self { beyond_structure: true, structure_too: false },
+        Self { beyond_structure: false, structure_too: false },
+        Self { beyond_structure: false, structure_too: true },
+    ];
+    /// Without them.
+    const WITHOUT_HEALTHY: [Self; 2] = [
+        Self { beyond_structure: true, structure_too: true },
+        Self { beyond_structure: false, structure_too: true },
+    ];
+}
+
+/// A model with the terms found.
+struct Found {
+    fitted: Fitted,
+    discovery: Discovery,
+}
+
+impl Search<'_> {
+    /// The rounds. `None` if `start` cannot be simulated on the runs.
+    fn run(
+        &self,
+        start: &Augmented,
+        noise_n: f64,
+        only_beyond: bool,
+        stage: &dyn Fn(Stage),
+    ) -> Result<Option<Found>, Error> {
+        let Some(mut fitted) = Fitted::as_is(*start, self.train) else { return Ok(None) };
+        let mut discovery = Discovery::default();
+        let noise = noise_n * noise_n * self.confirm.len() as f64;
+        let blocks = Blocks::new(self.confirm, self.settings.training_block_s());
+        let healthy_rows = selected(self.runs.healthy);
+        let steps: &[Step] = if self.runs.healthy.is_empty() { &Step::WITHOUT_HEALTHY } else { &Step::ALL };
+        let mut steps = steps.iter().filter(|step| step.beyond_structure || !only_beyond).peekable();
+        let most = self.settings.most_terms.min(MAX_TERMS - start.effects().terms().iter().count());
+        if most == 0 {
+            return Ok(None);
+        }
+        while let Some(Step { beyond_structure, structure_too }) = steps.peek().copied().copied() {
+            let search = Search { beyond_structure, ..*self };
+            let number = discovery.terms.len() + 1;
+            stage(Stage::Terms(number));
+            let Some(sides) = Side::both(&search, &fitted)? else { break };
+            if 1.0 - noise / sides.confirm.raw_squares() < NOTHING {
+                break;
+            }
+            let healthy = Healthy::new(&search, &healthy_rows, &fitted.model)?;
+            let on_healthy = healthy.as_ref().map(|healthy| &healthy.sides);
+            let mut pairs = screen::pairs(&sides, on_healthy, fitted.model.effects().terms(), &blocks);
+            if !structure_too {
+                pairs.retain(|pair| pair.on_healthy.is_none_or(|ratio| ratio < STRUCTURE));
+            }
+            match settle::settle(&search, &fitted, &sides, &pairs, &blocks)? {
+                Ok(Settled { fitted: next, term, class, p, confirmed }) => {
+                    let claim = claim::claim(healthy.as_ref(), &term);
+                    discovery.terms.push(FoundTerm { term, claim, class, p, confirmed, ci95: Vec::new() });
+                    fitted = next;
+                    if number == most {
+                        break;
+                    }
+                }
+                Err(refused) => {
+                    discovery.refused = refused;
+                    steps.next();
+                }
+            }
+        }
+        Ok(Some(Found { fitted, discovery }))
+    }
+
+    /// `result` with the terms found: effects that they replace, intervals, the errors on validation and test runs, and the verdict.
+    fn conclude(&self, result: DiagnosisResult, found: Found) -> Result<DiagnosisResult, Error> {
+        let Found { fitted, mut discovery } = found;
+        if discovery.terms.is_empty() {
+            return Ok(DiagnosisResult { discovery, ..result });
+        }
+        let of_base = result.before.effects;
+        let own = of_base.terms().iter().count();
+        let pruned = self.prune(fitted, &of_base)?;
+        let [train, confirm, test] = [self.runs.estimate, self.runs.confirm, self.runs.test]
+            .map(|runs| Rows::new(runs, self.settings.most_rows));
+        let joint = Joint { rows: &train, ..self.joint };
+        let fitted = self.complete(&joint, &pruned)?;
+        let intervals = Intervals::new(&joint, &fitted, self.settings.training_block_s(), Contents::All)?;
+        for (index, (found, term)) in
+            discovery.terms.iter_mut().zip(fitted.model.effects().terms().iter().skip(own)).enumerate()
+        {
+            (found.term, found.ci95) = (*term, intervals.of_term(own + index));
+        }
+        let DiagnosisResult { effects, mut refused, before, noise_floor, .. } = result;
+        let mut kept = Vec::with_capacity(effects.len());
+        for named in effects {
+            let is_it = |other: &EffectModel| other.effect() == named.effect.effect();
+            match fitted.model.effects().as_slice().iter().position(is_it) {
+                Some(index) => kept.push(NamedEffect {
+                    effect: fitted.model.effects().as_slice()[index],
+                    parameters: intervals.of(index),
+                    ..named
+                }),
+                None => refused
+                    .push(RefusedEffect { effect: named.effect.effect(), why: Refusal::TakenOverByTerm }),
+            }
+        }
+        let base = before.augmented();
+        let both = test_runs::both(&confirm, &base, &fitted.model)?;
+        let on_test = test_runs::both(&test, &base, &fitted.model)?;
+        let run_errors = test_runs::run_errors(&confirm, &both[0], &both[1]);
+        let remaining = remaining_error(&confirm, [&both[0], &both[1]], noise_floor.rsse_n, self.settings);
+        let test = test_runs::read(&test, &on_test[0], &on_test[1], noise_floor.rsse_n, self.settings);
+        let held = test.as_ref().is_none_or(super::TestResult::proves);
+        let after = model_of(&before, Some(&train), &fitted, run_errors.iter().map(|run| run.after.rsse_n));
+        Ok(DiagnosisResult {
+            verdict: verdict(&remaining, held),
+            effects: kept,
+            refused,
+            confirm: run_errors,
+            test,
+            remaining,
+            before,
+            after,
+            discovery,
+            noise_floor,
+            ..result
+        })
+    }
+
+    /// Removes effects of the library whose part the terms have taken over; not those that the base had already.
+    fn prune(&self, mut fitted: Fitted, of_base: &Effects) -> Result<Fitted, Error> {
+        let squares = |model: &Augmented| -> f64 {
+            Fitted::as_is(*model, self.confirm).map_or(f64::INFINITY, |fitted| fitted.squares)
+        };
+        let mut index = 0;
+        while let Some(effect) = fitted.model.effects().as_slice().get(index) {
+            let is_in_base = of_base.as_slice().iter().any(|own| own.effect() == effect.effect());
+            let without = match is_in_base {
+                true => None,
+                false => self.joint.refit(&without_effect(&fitted.model, index)?, REFIT)?,
+            };
+            let needless = |without: &Fitted| {
+                squares(&without.model) <= (1.0 + LEAST_CONFIRMED) * squares(&fitted.model)
+            };
+            match without.filter(needless) {
+                Some(without) => fitted = without,
+                None => index += 1,
+            }
+        }
+        Ok(fitted)
+    }
+
+    /// `found` fitted on all rows of `joint`, if that fits the validation runs as well.
+    fn complete(&self, joint: &Joint, found: &Fitted) -> Result<Fitted, Error> {
+        let complete = joint.refit(&found.model, REFIT)?;
+        let squares = |model: &Augmented| Fitted::as_is(*model, self.confirm).map(|fitted| fitted.squares);
+        let as_good = |complete: &Fitted| squares(&complete.model) <= squares(&found.model);
+        match complete.filter(as_good) {
+            Some(complete) => Ok(complete),
+            None => test_runs::fitted(joint.rows, &found.model),
+        }
+    }
+}
+
+/// `model` with one more term.
+fn with_term(model: &Augmented, term: Term) -> Result<Augmented, Error> {
+    let mut terms: Vec<Term> = model.effects().terms().iter().copied().collect();
+    terms.push(term);
+    Augmented::new(*model.force(), model.effects().with_terms(Terms::new(&terms)?))
+}

@@ -1,0 +1,330 @@
+//! The screen: the gain of every pair of modulator and argument, by sums that are computed once a pair.
+//!
+//! ```text
+//! M     = m hats(q)               48 hat functions of the argument, each run's mean removed
+//! C     = (N'N + ridge)^-1 N'M    on the training runs
+//! A     = (M - N C)'(M - N C),    b = (M - N C)'(r - N d)              on either side, with the same C and d
+//! G     = g(knots)                a closed form on the knots
+//! c     = G'b / G'A G             on the training runs
+//! gain  = 2 c G'b - c^2 G'A G     on the validation runs
+//! ```
+//!
+//! A form then costs a few microseconds, so each is tried with a grid of its parameters.
+
+use super::nuisance::{Side, Sides};
+use super::structure::place;
+use crate::diagnose::blocks::Blocks;
+use crate::diagnose::rows::dot;
+use crate::effect::term::{Argument, Form, MAX_FORM_PARAMETERS, Modulator, Origin, Term, Terms};
+use crate::error::Error;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+/// Number of hat functions.
+const KNOTS: usize = 48;
+/// Share of the gain that each number of a term costs when terms are compared.
+const COST_OF_NUMBER: f64 = 0.008;
+/// Share of a curve that must remain after projection; below it the nuisance space can take its place.
+const LEAST_IDENTIFIABLE: f64 = 1e-3;
+
+/// The best closed form of a pair.
+#[derive(Debug, Clone)]
+pub(super) struct Pair {
+    pub(super) modulator: Modulator,
+    pub(super) argument: Argument,
+    pub(super) form: Form,
+    pub(super) amount: f64,
+    pub(super) parameters: Vec<f64>,
+    pub(super) range: [f64; 2],
+    /// Drop of the squared error on the training runs, N².
+    pub(super) train_gain: f64,
+    /// Drop of the squared error on the validation runs, N²; less for a term with more numbers.
+    pub(super) score: f64,
+    /// Drop of the squared error on each block of the validation runs, N².
+    pub(super) gains: Vec<f64>,
+    /// Size of the amount on the healthy runs as a share of the amount; `None` without healthy runs.
+    pub(super) on_healthy: Option<f64>,
+}
+
+impl Pair {
+    /// The term that this pair suggests.
+    pub(super) fn term(&self) -> Result<Term, Error> {
+        Term::new((self.modulator, self.argument, self.form), self.amount, &self.parameters, self.range)
+    }
+}
+
+/// The best form of each pair that these runs can test and that `taken` does not have, the best pair first. `healthy` are the healthy runs, as
+/// training runs.
+pub(super) fn pairs(sides: &Sides, healthy: Option<&Sides>, taken: &Terms, blocks: &Blocks) -> Vec<Pair> {
+    let all: Vec<(Modulator, Argument)> = Modulator::ALL
+        .into_iter()
+        .flat_map(|modulator| Argument::ALL.map(|argument| (modulator, argument)))
+        .filter(|(modulator, argument)| !(modulator.acts_on_input() && *argument == Argument::Force))
+        .filter(|pair| taken.iter().all(|term| !repeats(*pair, term)))
+        .collect();
+    let one =
+        |(modulator, argument): (Modulator, Argument)| pair(sides, healthy, modulator, argument, blocks);
+    let mut found: Vec<Pair> = all.into_par_iter().filter_map(one).collect();
+    found.sort_by(|a, b| b.score.total_cmp(&a.score));
+    found
+}
+
+/// True if a term of this pair would refine the curve of `term`: it has the same pair, or both grow while the damper runs, as time, path, energy
+/// and temperature do together.
+fn repeats((modulator, argument): (Modulator, Argument), term: &Term) -> bool {
+    let (own, of, _) = term.kind();
+    let both_grow = argument.origin() == Origin::Growing && of.origin() == Origin::Growing;
+    both_grow || (own, of) == (modulator, argument)
+}
+
+/// Knots of an argument on the training runs: half of them even over its range, half at its quantiles.
+fn knots(argument: Argument, series: &[f64]) -> Option<Vec<f64>> {
+    let mut sorted = series.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let (low, high) = (*sorted.first()?, *sorted.last()?);
+    let varies = high - low > 1e-9 * high.abs().max(low.abs());
+    if !varies {
+        return None;
+    }
+    let even = match argument {
+        Argument::Velocity
+        | Argument::Speed
+        | Argument::Acceleration
+        | Argument::Force
+        | Argument::Travel
+        | Argument::TimeSinceReversal
+        | Argument::TimeSinceDriveChange
+        | Argument::DriveChange
+        | Argument::MeanSpeed => KNOTS / 2,
+        _ => KNOTS,
+    };
+    let at = |j: usize, n: usize| j as f64 / (n - 1) as f64;
+    let mut knots: Vec<f64> = (0..even).map(|j| low + (high - low) * at(j, even)).collect();
+    let quantiles = KNOTS - even;
+    knots.extend((1..=quantiles).map(|j| sorted[(series.len() - 1) * j / (quantiles + 1)]));
+    knots.sort_by(f64::total_cmp);
+    knots.dedup_by(|a, b| (*a - *b).abs() < 1e-6 * (high - low));
+    Some(knots)
+}
+
+/// The sums of a pair on one side: A and b of the module.
+struct Sums {
+    a: DMatrix<f64>,
+    b: DVector<f64>,
+}
+
+/// M'M, M'N and M'r on one side.
+struct Moments {
+    own: DMatrix<f64>,
+    nuisance: DMatrix<f64>,
+    residual: DVector<f64>,
+}
+
+/// The hat functions of a pair on one side: for each row the knot below, and the weights of this knot and the next one.
+struct Hats {
+    places: Vec<(usize, [f64; 2])>,
+    knots: usize,
+}
+
+impl Hats {
+    fn new(side: &Side, modulator: Modulator, argument: Argument, knots: &[f64]) -> Option<Self> {
+        let (m, q) = (side.series.modulator(modulator)?, side.series.argument(argument)?);
+        let place = |(m, q): (&f64, &f64)| {
+            let (index, share) = place(knots, *q);
+            (
+                index.min(knots.len() - 2),
+                match index + 1 == knots.len() {
+                    true => [0.0, *m],
+                    false => [m * (1.0 - share), m * share],
+                },
+            )
+        };
+        Some(Self { places: m.iter().zip(q).map(place).collect(), knots: knots.len() })
+    }
+
+    /// M'x.
+    fn onto(&self, series: &[f64], sums: &mut [f64]) {
+        for ((index, [below, above]), value) in self.places.iter().zip(series) {
+            sums[*index] += below * value;
+            sums[index + 1] += above * value;
+        }
+    }
+
+    fn moments(&self, side: &Side) -> Moments {
+        let n = self.knots;
+        let mut own = DMatrix::zeros(n, n);
+        for run in side.rows.runs() {
+            let mut sums = DVector::<f64>::zeros(n);
+            for (index, [below, above]) in &self.places[run.range.clone()] {
+                own[(*index, *index)] += below * below;
+                own[(*index, index + 1)] += below * above;
+                own[(index + 1, *index)] += below * above;
+                own[(index + 1, index + 1)] += above * above;
+                sums[*index] += below;
+                sums[index + 1] += above;
+            }
+            own -= &sums * sums.transpose() / run.range.len().max(1) as f64;
+        }
+        let mut nuisance = DMatrix::zeros(n, side.columns.len());
+        for (column, mut sums) in side.columns.iter().zip(nuisance.column_iter_mut()) {
+            let mut of_column = vec![0.0; n];
+            self.onto(column, &mut of_column);
+            sums.copy_from_slice(&of_column);
+        }
+        let mut residual = vec![0.0; n];
+        self.onto(&side.residual_n, &mut residual);
+        Moments { own, nuisance, residual: DVector::from_vec(residual) }
+    }
+
+    /// The curve with the values `at_knots`, over the rows, each run's mean removed.
+    fn series(&self, side: &Side, at_knots: &DVector<f64>) -> Vec<f64> {
+        let value = |(index, [below, above]): &(usize, [f64; 2])| {
+            below * at_knots[*index] + above * at_knots[index + 1]
+        };
+        let mut series: Vec<f64> = self.places.iter().map(value).collect();
+        side.rows.centre(&mut series);
+        series
+    }
+}
+
+impl Moments {
+    /// A and b with the nuisance weights `c` of the hat functions and `d` of the residual.
+    fn sums(&self, side: &Side, c: &DMatrix<f64>, d: &DVector<f64>) -> Sums {
+        let crossed = &self.nuisance * c;
+        let a = &self.own - &crossed - crossed.transpose() + c.transpose() * (&side.square * c);
+        let b = &self.residual - &self.nuisance * d - c.transpose() * &side.left;
+        Sums { a, b }
+    }
+}
+
+fn pair(
+    sides: &Sides,
+    healthy: Option<&Sides>,
+    modulator: Modulator,
+    argument: Argument,
+    blocks: &Blocks,
+) -> Option<Pair> {
+    let knots = knots(argument, sides.train.series.argument(argument)?)?;
+    let [on_train, on_confirm] =
+        [&sides.train, &sides.confirm].map(|side| Hats::new(side, modulator, argument, &knots));
+    let (on_train, on_confirm) = (on_train?, on_confirm?);
+    let [train, confirm] =
+        [(&on_train, &sides.train), (&on_confirm, &sides.confirm)].map(|(hats, side)| hats.moments(side));
+    let c = sides.solve(&train.nuisance.transpose());
+    let fit = Fit {
+        whole: &train.own,
+        train: train.sums(&sides.train, &c, &sides.d),
+        confirm: confirm.sums(&sides.confirm, &c, &sides.d),
+        knots: &knots,
+    };
+    let best = fit.best()?;
+    let at_knots =
+        DVector::from_iterator(knots.len(), knots.iter().map(|q| best.form.value(best.parameters, *q)));
+    let column = sides.confirm.without(on_confirm.series(&sides.confirm, &at_knots), &(&c * &at_knots));
+    let rest_n = &sides.confirm.rest_n;
+    let after: Vec<f64> = rest_n.iter().zip(&column).map(|(e, column)| e - best.amount * column).collect();
+    let (before, after) = (blocks.sums(rest_n, rest_n), blocks.sums(&after, &after));
+    let on_healthy = healthy.and_then(|healthy| {
+        let hats = Hats::new(&healthy.train, modulator, argument, &knots)?;
+        let (column, _) = healthy.project(hats.series(&healthy.train, &at_knots));
+        let power = dot(&column, &column);
+        Some(if power > 0.0 {
+            (dot(&column, &healthy.train.rest_n) / (power * best.amount)).abs()
+        } else {
+            0.0
+        })
+    });
+    Some(Pair {
+        modulator,
+        argument,
+        form: best.form,
+        amount: best.amount,
+        parameters: best.parameters[..best.form.parameters().len()].to_vec(),
+        range: [knots[0], knots[knots.len() - 1]],
+        train_gain: best.train_gain,
+        score: best.score,
+        gains: before.iter().zip(&after).map(|(before, after)| before - after).collect(),
+        on_healthy,
+    })
+}
+
+/// The closed forms of one pair.
+struct Fit<'a> {
+    whole: &'a DMatrix<f64>,
+    train: Sums,
+    confirm: Sums,
+    knots: &'a [f64],
+}
+
+/// A closed form, fitted.
+struct Curve {
+    form: Form,
+    parameters: [f64; MAX_FORM_PARAMETERS],
+    amount: f64,
+    train_gain: f64,
+    score: f64,
+}
+
+impl Fit<'_> {
+    /// The form with the best score.
+    fn best(&self) -> Option<Curve> {
+        let all = Form::ALL.into_iter().flat_map(|form| {
+            self.grid(form).into_iter().filter_map(move |parameters| self.curve(form, parameters))
+        });
+        all.max_by(|a, b| a.score.total_cmp(&b.score))
+    }
+
+    fn curve(&self, form: Form, parameters: [f64; MAX_FORM_PARAMETERS]) -> Option<Curve> {
+        let g =
+            DVector::from_iterator(self.knots.len(), self.knots.iter().map(|q| form.value(parameters, *q)));
+        let power = g.dot(&(&self.train.a * &g));
+        let whole = g.dot(&(self.whole * &g));
+        if !(power > LEAST_IDENTIFIABLE * whole && whole > 0.0) {
+            return None;
+        }
+        let along = g.dot(&self.train.b);
+        let amount = along / power;
+        let gain = 2.0 * amount * g.dot(&self.confirm.b) - amount * amount * g.dot(&(&self.confirm.a * &g));
+        let numbers = (1 + form.parameters().len()) as f64;
+        let score = if gain > 0.0 { gain * (1.0 - COST_OF_NUMBER * numbers) } else { gain };
+        (amount.is_finite() && score.is_finite()).then_some(Curve {
+            form,
+            parameters,
+            amount,
+            train_gain: along * amount,
+            score,
+        })
+    }
+
+    /// The grid of a form's parameters over the range of the argument.
+    fn grid(&self, form: Form) -> Vec<[f64; MAX_FORM_PARAMETERS]> {
+        let (low, high) = (self.knots[0], self.knots[self.knots.len() - 1]);
+        let (range, most) = (high - low, low.abs().max(high.abs()));
+        let places = |n: usize| (1..n).map(move |j| low + range * j as f64 / n as f64);
+        let sizes = |sizes: &'static [f64], of: f64| sizes.iter().map(move |size| size * of);
+        let single = |values: Vec<f64>| values.into_iter().map(|a| [a, 0.0]).collect();
+        let double = |places: Vec<f64>, widths: &'static [f64]| {
+            let both = places.into_iter().flat_map(|at| sizes(widths, range).map(move |width| [at, width]));
+            both.collect()
+        };
+        match form {
+            Form::Constant | Form::Linear | Form::Quadratic => vec![[0.0; MAX_FORM_PARAMETERS]],
+            Form::HingeAbove | Form::HingeBelow => single(places(40).collect()),
+            Form::Decay | Form::Growth | Form::Tanh => {
+                single(sizes(&[0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2], most).collect())
+            }
+            Form::Window | Form::Deadband => {
+                single(sizes(&[0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.7, 0.85], most).collect())
+            }
+            Form::Staircase => single((3..16).map(|steps| range / f64::from(steps)).collect()),
+            Form::Step => double(places(48).collect(), &[0.005, 0.05]),
+            Form::Ramp => double(places(16).collect(), &[0.05, 0.1, 0.2, 0.4, 0.7]),
+            Form::Bump => double(places(32).collect(), &[0.02, 0.04, 0.08, 0.15, 0.3]),
+            Form::Sine => {
+                // A quarter of a wave over the whole range from one to the next: a refit finds the wavelength from there.
+                let waves = (4..66).map(|quarters| 4.0 * range / f64::from(quarters));
+                waves.flat_map(|wave| (0..8).map(move |j| [low + wave * f64::from(j) / 16.0, wave])).collect()
+            }
+        }
+    }
+}

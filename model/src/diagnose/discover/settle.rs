@@ -1,0 +1,282 @@
+//! The decision about the best pairs of a screen.
+//!
+//! A closed form on hat functions is linear in its amount only, and a large effect has bent the base that was fitted without it. So the numbers
+//! of each of the best terms are refitted through the simulator, with the nuisance space projected off; then, for the rivals of the best,
+//! base, effects and terms together. The validation runs choose among them: within [`ALIKE`] of the least squared error the simplest wins, and the others are its
+//! class.
+
+use super::nuisance::{Side, Sides};
+use super::screen::Pair;
+use super::{RefusedTerm, Search, TermRefusal, with_term};
+use crate::diagnose::blocks::Blocks;
+use crate::diagnose::joint::Fitted;
+use crate::diagnose::rows::dot;
+use crate::effect::term::{Argument, Modulator, Term};
+use crate::effect::{Augmented, AugmentedOnJets};
+use crate::error::Error;
+use crate::force::jet::Jet;
+use crate::identify::least_squares::{Normal, Problem, Stop, minimise};
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+
+/// Pairs that are refitted: the best on the validation runs, and the best on the training runs.
+const BY_SCORE: usize = 4;
+const BY_TRAINING: usize = 2;
+/// Evaluations of the refit of a term's numbers, and of the joint refit.
+const OF_TERM: usize = 12;
+const JOINTLY: usize = 30;
+/// Rivals of the best term: those whose squared error is at most this many times the least, and the most of them.
+const RIVAL: f64 = 3.0;
+const MOST_RIVALS: usize = 3;
+/// Largest p of an accepted term.
+const SIGNIFICANT: f64 = 0.01;
+/// Least share of the squared error on the validation runs that an accepted term removes.
+const LEAST_SHARE: f64 = 0.05;
+/// The same without the nuisance space, which is not in the model.
+const LEAST_RAW_SHARE: f64 = 0.02;
+/// Terms whose squared error on the validation runs is within this share of the least one are alike.
+const ALIKE: f64 = 0.03;
+/// Flips of signs.
+const FLIPS: u32 = 4_000;
+/// Least number of blocks: with fewer, no p is below [`SIGNIFICANT`].
+const LEAST_BLOCKS: usize = 7;
+/// Directions of the derivatives by the numbers of a term.
+const DIRECTIONS: usize = 4;
+
+/// An accepted term.
+pub(super) struct Settled {
+    /// The model with the term.
+    pub(super) fitted: Fitted,
+    pub(super) term: Term,
+    pub(super) class: Vec<(Modulator, Argument)>,
+    pub(super) p: f64,
+    pub(super) confirmed: f64,
+}
+
+/// A term after its refits.
+struct Refitted {
+    fitted: Fitted,
+    term: Term,
+    /// Squared error on the validation runs, N².
+    raw_squares: f64,
+    /// The same with the nuisance space projected off, N².
+    squares: f64,
+    /// Drop of it on each block.
+    gains: Vec<f64>,
+}
+
+/// The best term, or the one that came closest with the reason why it was not accepted.
+pub(super) fn settle(
+    search: &Search,
+    current: &Fitted,
+    sides: &Sides,
+    pairs: &[Pair],
+    blocks: &Blocks,
+) -> Result<Result<Settled, Option<RefusedTerm>>, Error> {
+    let mut chosen: Vec<&Pair> = pairs.iter().take(BY_SCORE).collect();
+    let mut by_training: Vec<&Pair> = pairs.iter().skip(BY_SCORE).collect();
+    by_training.sort_by(|a, b| b.train_gain.total_cmp(&a.train_gain));
+    chosen.extend(by_training.into_iter().take(BY_TRAINING));
+    let alone = |pair: &&Pair| alone(search, sides, &current.model, pair, blocks);
+    let alone: Vec<Option<Refitted>> = chosen.par_iter().map(alone).collect::<Result<_, Error>>()?;
+    let mut refits: Vec<Refitted> = alone.into_iter().flatten().collect();
+    refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
+    // The base was fitted while the effect was there, which has bent it, so the rivals of the best are fitted with it.
+    let least = refits.first().map_or(0.0, |best| best.squares);
+    refits.truncate(refits.partition_point(|one| one.squares <= RIVAL * least).min(MOST_RIVALS));
+    let refits = refits.into_par_iter().map(|one| jointly(search, sides, one, blocks));
+    let mut refits: Vec<Refitted> = refits.collect::<Result<_, Error>>()?;
+    // The nuisance space is not in the model: without it the term must help too.
+    refits.retain(|one| one.raw_squares < (1.0 - LEAST_RAW_SHARE) * sides.confirm.raw_squares());
+    refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
+    let Some(least) = refits.first().map(|best| best.squares) else { return Ok(Err(None)) };
+    refits.truncate(refits.partition_point(|one| one.squares <= (1.0 + ALIKE) * least));
+    refits.sort_by_key(|one| simplicity(&one.term));
+    let others = refits.split_off(1);
+    let Some(best) = refits.pop() else { return Ok(Err(None)) };
+    let before = sides.confirm.squares();
+    let share = 1.0 - best.squares / before;
+    let rivals: Vec<&[f64]> =
+        pairs.iter().map(|pair| &pair.gains[..]).chain(others.iter().map(|one| &one.gains[..])).collect();
+    let p = p_value(&best.gains, &rivals, search.settings.seed);
+    let refused = if blocks.count() < LEAST_BLOCKS {
+        Some(TermRefusal::TooFewBlocks { blocks: blocks.count(), needed: LEAST_BLOCKS })
+    } else if share.is_nan() || share < LEAST_SHARE {
+        Some(TermRefusal::TooSmall { share, needed: LEAST_SHARE })
+    } else if p > SIGNIFICANT {
+        Some(TermRefusal::NotSignificant { p, allowed: SIGNIFICANT })
+    } else {
+        None
+    };
+    if let Some(why) = refused {
+        return Ok(Err(Some(RefusedTerm { term: best.term, why })));
+    }
+    let kind = |term: &Term| (term.kind().0, term.kind().1);
+    let mut class: Vec<(Modulator, Argument)> = Vec::new();
+    for other in others.iter().map(|one| kind(&one.term)).filter(|other| *other != kind(&best.term)) {
+        if !class.contains(&other) {
+            class.push(other);
+        }
+    }
+    Ok(Ok(Settled { fitted: best.fitted, term: best.term, class, p, confirmed: share }))
+}
+
+/// The term of `pair` with its numbers refitted, everything else as it is; `None` if it cannot be simulated.
+fn alone(
+    search: &Search,
+    sides: &Sides,
+    model: &Augmented,
+    pair: &Pair,
+    blocks: &Blocks,
+) -> Result<Option<Refitted>, Error> {
+    let Some(fitted) = refit_term(search, sides, model, pair.term()?)? else { return Ok(None) };
+    let Some(confirmed) = Fitted::as_is(fitted.model, search.confirm) else { return Ok(None) };
+    let (_, weights) = sides.project(fitted.residual_n.clone());
+    let rest_n = sides.confirm.without(confirmed.residual_n, &weights);
+    Ok(refitted(sides, fitted, confirmed.squares, &rest_n, blocks))
+}
+
+/// `one` with base, effects and terms fitted together, if that fits the validation runs better.
+fn jointly(search: &Search, sides: &Sides, one: Refitted, blocks: &Blocks) -> Result<Refitted, Error> {
+    let Some(fitted) = search.joint.refit(&one.fitted.model, JOINTLY)? else { return Ok(one) };
+    let Some(after) = Side::both(search, &fitted)? else { return Ok(one) };
+    let found = refitted(sides, fitted, after.confirm.raw_squares(), &after.confirm.rest_n, blocks);
+    Ok(found.filter(|found| found.squares < one.squares).unwrap_or(one))
+}
+
+/// A model with a term, with its squared error on the validation runs, and the error that is left with the nuisance space projected off.
+fn refitted(
+    sides: &Sides,
+    fitted: Fitted,
+    raw_squares: f64,
+    rest_n: &[f64],
+    blocks: &Blocks,
+) -> Option<Refitted> {
+    let term = fitted.model.effects().terms().iter().last().copied()?;
+    let sums = |rest_n: &[f64]| blocks.sums(rest_n, rest_n);
+    let (were, are) = (sums(&sides.confirm.rest_n), sums(rest_n));
+    let gains = were.iter().zip(&are).map(|(were, are)| were - are).collect();
+    Some(Refitted { fitted, term, raw_squares, squares: dot(rest_n, rest_n), gains })
+}
+
+/// `model` with `start`, its numbers refitted with everything else as it is and the nuisance space projected off.
+fn refit_term(
+    search: &Search,
+    sides: &Sides,
+    model: &Augmented,
+    start: Term,
+) -> Result<Option<Fitted>, Error> {
+    let problem = OfTerm { search, sides, model, start };
+    let bounds: Vec<[f64; 2]> = crate::diagnose::space::bounds_of_term(&start).collect();
+    let stop = Stop { evaluations: OF_TERM, cost: 1e-5, step: 1e-5 };
+    let found = minimise(&problem, start.values(), &bounds, &stop).ok_or(Error::Cancelled)?;
+    Ok(problem.fitted(&found.parameters))
+}
+
+/// The fit of a term's numbers as the solver sees it.
+struct OfTerm<'a> {
+    search: &'a Search<'a>,
+    sides: &'a Sides<'a>,
+    model: &'a Augmented,
+    start: Term,
+}
+
+impl OfTerm<'_> {
+    fn fitted(&self, values: &[f64]) -> Option<Fitted> {
+        let model = with_term(self.model, self.start.with_values(values)?).ok()?;
+        Fitted::as_is(model, self.search.train)
+    }
+
+    /// Derivatives of the simulated force by the numbers of the term.
+    fn columns(&self, model: &Augmented, count: usize) -> Option<Vec<Vec<f64>>> {
+        let all = model.force().coefficients()?.len()
+            + model.effects().as_slice().iter().map(|effect| effect.parameters().len()).sum::<usize>()
+            + model.effects().terms().iter().map(|term| term.values().len()).sum::<usize>();
+        let first = all - count;
+        let jets =
+            AugmentedOnJets::<DIRECTIONS>::new(model, |number, value| match number.checked_sub(first) {
+                Some(direction) => Jet::variable(value, direction),
+                None => Jet::from(value),
+            })?;
+        Some(self.search.train.derivatives(&jets, count))
+    }
+}
+
+impl Problem for OfTerm<'_> {
+    fn normal(&self, values: &[f64]) -> Option<Normal> {
+        if self.search.joint.watch.is_cancelled() {
+            return None;
+        }
+        let n = values.len();
+        let fitted = self.fitted(values);
+        let columns = fitted.as_ref().and_then(|fitted| self.columns(&fitted.model, n));
+        let (Some(fitted), Some(columns)) = (fitted, columns) else {
+            let (square, gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
+            return Some(Normal { cost: f64::INFINITY, square, gradient });
+        };
+        let (rest_n, _) = self.sides.project(fitted.residual_n);
+        let columns: Vec<Vec<f64>> = columns.into_iter().map(|column| self.sides.project(column).0).collect();
+        Some(Normal {
+            cost: dot(&rest_n, &rest_n),
+            square: DMatrix::from_fn(n, n, |a, b| dot(&columns[a], &columns[b])),
+            gradient: DVector::from_iterator(n, columns.iter().map(|column| -dot(column, &rest_n))),
+        })
+    }
+}
+
+/// Order of terms that fit alike: fewest numbers, then the argument and the modulator that come first in their lists.
+fn simplicity(term: &Term) -> (usize, Option<usize>, Option<usize>) {
+    let (modulator, argument, _) = term.kind();
+    let argument = Argument::ALL.iter().position(|other| *other == argument);
+    let modulator = Modulator::ALL.iter().position(|other| *other == modulator);
+    (term.values().len(), argument, modulator)
+}
+
+/// Probability that the sum of `gains` is as large by chance, if the sign of the gain of each block is: the share of the flips under
+/// which the largest sum of any of the rivals, or of `gains` itself, reaches it. Each rival's losses count at most as much as its largest gain.
+fn p_value(gains: &[f64], rivals: &[&[f64]], seed: u64) -> f64 {
+    let found: f64 = gains.iter().sum();
+    let cut = |gains: &[f64]| -> Vec<f64> {
+        let most = gains.iter().copied().fold(0.0, f64::max);
+        gains.iter().map(|gain| gain.max(-most)).collect()
+    };
+    let all: Vec<Vec<f64>> = rivals.iter().copied().chain([gains]).map(cut).collect();
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut reached = 1_u32;
+    for _ in 0..FLIPS {
+        let signs: Vec<f64> =
+            gains.iter().map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }).collect();
+        let largest = all.iter().map(|gains| dot(gains, &signs)).fold(0.0, f64::max);
+        reached += u32::from(largest >= found);
+    }
+    f64::from(reached) / f64::from(FLIPS + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Gains of a pair that helps on each of ten blocks, and of one that does not.
+    const STEADY: [f64; 10] = [5.0, 4.0, 6.0, 5.0, 3.0, 5.0, 7.0, 4.0, 5.0, 6.0];
+    const CHANCE: [f64; 10] = [9.0, -8.0, 3.0, -4.0, 6.0, -5.0, 1.0, -2.0, 4.0, -3.0];
+
+    #[test]
+    fn a_steady_gain_is_significant_and_a_chance_gain_is_not() {
+        assert!(p_value(&STEADY, &[], 1) < 0.005);
+        assert!(p_value(&CHANCE, &[], 1) > 0.3);
+        let local = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 40.0, 42.0, 39.0, 41.0];
+        assert!((p_value(&local, &[], 1) - 1.0 / 16.0).abs() < 0.02, "four blocks decide");
+    }
+
+    #[test]
+    fn rivals_are_paid_for_and_one_that_explodes_is_not() {
+        let large: Vec<f64> = CHANCE.iter().map(|gain| 3.0 * gain).collect();
+        let alone = p_value(&STEADY, &[], 1);
+        assert!(p_value(&STEADY, &[&large], 1) > 10.0 * alone);
+        // Its largest gain is 1, so its loss counts as 1.
+        let exploded = [1.0, 1.0, -1e9, 1.0, 0.5, 1.0, 1.0, 0.2, 1.0, 1.0];
+        assert!(p_value(&STEADY, &[&exploded], 1) < 2.0 * alone);
+    }
+}
