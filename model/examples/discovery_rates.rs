@@ -10,7 +10,8 @@
 //!
 //! A case has three runs of 30 s (training, validation, test) and one of the healthy damper with another excitation. The truth is the base's
 //! form (quasi-static valve), a Bouc-Wen valve, or a bristle valve. "Right" is a first term whose modulator and argument, or a pair of its
-//! class, are among those of the effect in [`truth`]: the effect's own signals, or signals that go with them.
+//! class, are among those of the effect in [`truth`]: the effect's own signals, or signals that go with them. A term that the healthy run
+//! shows too is never right.
 
 #[path = "../tests/all/diagnosis/mod.rs"]
 mod diagnosis;
@@ -19,7 +20,7 @@ use diagnosis::cases::{CaseSpec, Kind, OUTSIDE, Valve};
 use diagnosis::instruments::Instrument;
 use diagnosis::rates::Rate;
 use mr_damper_model::Error;
-use mr_damper_model::diagnose::discover::FoundTerm;
+use mr_damper_model::diagnose::discover::{Claim, FoundTerm};
 use mr_damper_model::diagnose::{
     Bases, DiagnosisResult, Runs, Settings, close, close_any, default_structures,
 };
@@ -108,8 +109,11 @@ fn diagnose(spec: &CaseSpec, seed: u64, given: &Arguments) -> Result<DiagnosisRe
     close_any(&bases, &runs, &settings, &watch, &|_| {})
 }
 
-/// True if the term, or a pair of its class, is of the effect `id`.
+/// True if the term, or a pair of its class, is of the effect `id`, and the healthy run does not show it.
 fn is_right(id: &str, found: &FoundTerm) -> bool {
+    if matches!(found.claim, Claim::Structure { .. }) {
+        return false;
+    }
     let (modulators, arguments) = truth(id);
     let (modulator, argument, _) = found.term.kind();
     let pairs = std::iter::once((modulator, argument)).chain(found.class.iter().copied());

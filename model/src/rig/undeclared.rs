@@ -76,6 +76,15 @@ const RELIEF_N: f64 = 500.0;
 const AUTO_ZERO_S: f64 = 7.0;
 
 /// Sizes of the effects that are not an explicit added force; see the equations at the top of this file. By default all are 0.
+///
+/// ```
+/// use mr_damper_model::rig::Plant;
+/// use mr_damper_model::rig::undeclared::Undeclared;
+///
+/// // The seal for compression fails after half a metre, and a fifth of the force is lost.
+/// let plant = Plant { undeclared: Undeclared { seal_blowout: 0.2, ..Undeclared::default() }, ..Plant::default() };
+/// assert!(plant != Plant::default());
+/// ```
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Undeclared {
     /// Share m of the force that passes through the resonance of the mount.

@@ -131,6 +131,16 @@ impl std::fmt::Display for TermRefusal {
 }
 
 /// The result of a discovery.
+///
+/// ```
+/// use mr_damper_model::diagnose::discover::Discovery;
+///
+/// /// The terms that may be called effects, as equations.
+/// fn effects(Discovery { terms, .. }: &Discovery) -> Vec<String> {
+///     terms.iter().filter(|found| found.claim.is_effect()).map(|found| found.term.equation("A")).collect()
+/// }
+/// assert!(effects(&Discovery::default()).is_empty());
+/// ```
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Discovery {
     /// Terms that were added to the model, in the order in which they were found.

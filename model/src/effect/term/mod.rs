@@ -168,6 +168,28 @@ impl<R> Term<R> {
 }
 
 /// Up to [`MAX_TERMS`] terms.
+///
+/// ```
+/// use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
+/// use mr_damper_model::effect::{Augmented, AugmentedState, Effects};
+/// use mr_damper_model::force::Inputs;
+/// use mr_damper_model::preset;
+///
+/// // The force is a tenth less where the rod is further out than 5 mm.
+/// let kind = (Modulator::Force, Argument::Displacement, Form::Step);
+/// let term = Term::new(kind, -0.1, &[5e-3, 1e-4], [-0.02, 0.02])?;
+/// assert_eq!(term.equation("A"), "F' = F (1 - 0.1 H(x - 0.005 m)),  x: displacement");
+/// let effects = Effects::NONE.with_terms(Terms::new(&[term])?);
+/// let model = Augmented::new(preset::load(preset::BEST_FUZZY_TANH)?.force, effects)?;
+/// let out = Inputs {
+///     dt_s: None, displacement_m: 0.01, velocity_m_s: 0.2, acceleration_m_s2: 0.0, drive: 1.2, case_temp_c: f64::NAN,
+/// };
+/// let force_n = |model: &Augmented| model.free_run(&mut AugmentedState::default(), &out).expect("it is finite");
+/// let offset_n = model.force().force_offset_n();
+/// let plain_n = force_n(&Augmented::from(*model.force()));
+/// assert!((force_n(&model) - offset_n - 0.9 * (plain_n - offset_n)).abs() < 1e-9);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Terms<R = f64> {
     list: [Option<Term<R>>; MAX_TERMS],
