@@ -14,7 +14,8 @@
 //! A wrong structure of the base leaves a residual that a term could take for an effect. The space of structures, a generalised Maxwell-slip
 //! model under fuzzy sets, contains the forces of many dampers, so what it can take away is not evidence for a term. Where nothing is found
 //! beyond that space, the search goes on without it: such a term may be structure, and only a healthy run can tell. A term is added to
-//! the model if it holds on runs that it was not fitted on, whatever its claim is. At most [`MAX_TERMS`] are added.
+//! the model if it holds on runs that it was not fitted on, whatever its claim is. At most [`MAX_TERMS`] are added. The test runs decide nothing
+//! here, as everywhere: they can only take the verdict away.
 //!
 //! Multiple testing: under the null hypothesis the gain on each block could equally be a loss. The largest gain of any pair under a flip of
 //! signs is compared with the gain found, so the number of pairs is paid for. Losses count at most as much as the pair's largest gain: a pair
@@ -211,14 +212,14 @@ struct Search<'a> {
 
 /// One way to search; the next one is used when a round finds nothing.
 #[derive(Debug, Clone, Copy)]
-struct Step {
+struct Pass {
     /// The space of structures is projected off.
     beyond_structure: bool,
     /// Terms that the healthy runs show too are among those searched.
     structure_too: bool,
 }
 
-impl Step {
+impl Pass {
     /// With healthy runs: first what they do not show, then what the structure of the base lacks.
     const ALL: [Self; 3] = [
         Self { beyond_structure: true, structure_too: false },
@@ -252,13 +253,13 @@ impl Search<'_> {
         let noise = noise_n * noise_n * self.confirm.len() as f64;
         let blocks = Blocks::new(self.confirm, self.settings.training_block_s());
         let healthy_rows = selected(self.runs.healthy);
-        let steps: &[Step] = if self.runs.healthy.is_empty() { &Step::WITHOUT_HEALTHY } else { &Step::ALL };
-        let mut steps = steps.iter().filter(|step| step.beyond_structure || !only_beyond).peekable();
+        let passes: &[Pass] = if self.runs.healthy.is_empty() { &Pass::WITHOUT_HEALTHY } else { &Pass::ALL };
+        let mut passes = passes.iter().filter(|pass| pass.beyond_structure || !only_beyond).peekable();
         let most = self.settings.most_terms.min(MAX_TERMS - start.effects().terms().iter().count());
         if most == 0 {
             return Ok(None);
         }
-        while let Some(Step { beyond_structure, structure_too }) = steps.peek().copied().copied() {
+        while let Some(&&Pass { beyond_structure, structure_too }) = passes.peek() {
             let search = Search { beyond_structure, ..*self };
             let number = discovery.terms.len() + 1;
             stage(Stage::Terms(number));
@@ -283,7 +284,7 @@ impl Search<'_> {
                 }
                 Err(refused) => {
                     discovery.refused = refused;
-                    steps.next();
+                    passes.next();
                 }
             }
         }
