@@ -10,7 +10,7 @@
 //!
 //! A case has three runs of 30 s (training, validation, test) and one of the healthy damper with another excitation. The truth is the base's
 //! form (quasi-static valve), a Bouc-Wen valve, or a bristle valve. "Right" is a first term whose modulator and argument, or a pair of its
-//! class, are among those of the effect in [`truth`]: the effect's own signals, or signals that go with them. A term that the healthy run
+//! class, are in the list of the effect in [`truth`]: the effect's own signals, or signals that go with them. A term that the healthy run
 //! shows too is never right.
 
 #[path = "../tests/all/diagnosis/mod.rs"]

@@ -164,7 +164,7 @@ pub enum Stage {
     Pruning,
     /// An alternative structure is identified, to check whether the given base is adequate.
     Alternative,
-    /// What the effects leave is searched for this term, from 1.
+    /// The error that the effects leave is searched for this term, from 1.
     Terms(usize),
     /// The test runs are read.
     TestRuns,

@@ -1,4 +1,4 @@
-//! What may be claimed about a term: an effect, or a part of the base's structure.
+//! The claim about a term: it is an effect, or a part of the base's structure.
 //!
 //! ```text
 //! ratio = |amount refitted on the healthy runs / amount of the term|
@@ -9,11 +9,11 @@
 //! | the argument grows while the damper runs, or the curve has a place or a wavelength in the stroke | effect |
 //! | healthy runs: the ratio is below 0.2 | effect |
 //! | healthy runs: the ratio is above 0.5 | structure: the healthy damper has it too |
-//! | otherwise | effect or structure, not to be told |
+//! | otherwise | effect or structure |
 //!
 //! No structure of a damper model changes with time, or at one place of the stroke. A term in velocity, force, drive or a short memory of
-//! them may be what the structure of the base lacks. In trials, the amount of effects on healthy runs was 0.12 of theirs or less, and that of
-//! structure 0.55 or more. On the healthy runs, the base is refitted linearly together with the space of structures.
+//! them may be what the structure of the base lacks. In trials, effects had a ratio of 0.12 or less, and structure
+//! 0.55 or more. On the healthy runs, the base is refitted linearly together with the space of structures.
 
 use super::nuisance::{Side, Sides};
 use super::{Search, with_term};
@@ -32,7 +32,7 @@ const STEP: f64 = 1e-3;
 /// Evaluations of the refit on the healthy runs.
 const REFIT: usize = 15;
 
-/// What may be claimed about a term.
+/// The claim about a term.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Claim {
     /// The damper has an effect that its model lacks.

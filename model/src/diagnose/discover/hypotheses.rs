@@ -8,7 +8,7 @@ use crate::effect::term::{Argument, Form, Modulator};
 pub struct Hypothesis {
     /// The cause.
     pub cause: &'static str,
-    /// What would tell it from the others.
+    /// A test that would distinguish it from the others.
     pub test: &'static str,
 }
 
@@ -22,7 +22,7 @@ impl FoundTerm {
     }
 }
 
-/// Which terms a hypothesis is about.
+/// True for the terms that a hypothesis is about.
 type Test = fn(Modulator, Argument, Form) -> bool;
 
 const fn hypothesis(cause: &'static str, test: &'static str) -> Hypothesis {

@@ -8,12 +8,12 @@
 //! settle          the best pairs: numbers of the term refitted, then base, effects and terms together     ([`settle`])
 //! accept          gains on blocks of the validation runs, signs flipped, against the best of all pairs: p <= 0.01,
 //!                 and at least 5 % less squared error on the validation runs
-//! claim           effect, or structure that the base lacks, or not to be told                             ([`claim`])
+//! claim           effect, or structure that the base lacks, or one of the two                             ([`claim`])
 //! ```
 //!
 //! A wrong structure of the base leaves a residual that a term could take for an effect. The space of structures, a generalised Maxwell-slip
 //! model under fuzzy sets, contains the forces of many dampers, so what it can take away is not evidence for a term. Where nothing is found
-//! beyond that space, the search goes on without it: such a term may be structure, and only a healthy run can tell. A term is added to
+//! beyond that space, the search goes on without it: such a term may be structure, and only a healthy run decides. A term is added to
 //! the model if it holds on runs that it was not fitted on, whatever its claim is. At most [`MAX_TERMS`] are added. The test runs decide nothing
 //! here, as everywhere: they can only take the verdict away.
 //!
@@ -64,7 +64,7 @@ const NOTHING: f64 = 0.1;
 pub struct FoundTerm {
     /// The term, as it is in the model.
     pub term: Term,
-    /// What may be claimed about it.
+    /// The claim about it.
     pub claim: Claim,
     /// Modulator and argument of the other pairs that these runs cannot tell from it.
     pub class: Vec<(Modulator, Argument)>,
@@ -198,7 +198,7 @@ fn selected(datasets: &[Dataset]) -> Rows<'_> {
     Rows::new(datasets, most.clamp(1, MOST_ROWS))
 }
 
-/// What a search needs.
+/// The inputs of a search.
 #[derive(Clone, Copy)]
 struct Search<'a> {
     /// The space of structures is projected off.

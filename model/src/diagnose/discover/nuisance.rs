@@ -1,4 +1,4 @@
-//! What a term must do better than: the derivatives of the model by its numbers, and the space of structures.
+//! The nuisance columns, which a term must surpass: the derivatives of the model by its numbers, and the space of structures.
 //!
 //! ```text
 //! N           columns, each divided by its length on the training runs

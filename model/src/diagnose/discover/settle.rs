@@ -234,8 +234,8 @@ fn simplicity(term: &Term) -> (usize, Option<usize>, Option<usize>) {
     (term.values().len(), argument, modulator)
 }
 
-/// Probability that the sum of `gains` is as large by chance, if the sign of the gain of each block is: the share of the flips under
-/// which the largest sum of any of the rivals, or of `gains` itself, reaches it. Each rival's losses count at most as much as its largest gain.
+/// Probability that the sum of `gains` is as large by chance, if the sign of each block's gain is chance. It is the share of the flips of signs
+/// under which the largest sum of any rival, or of `gains` itself, reaches it. Each rival's losses count at most as much as its largest gain.
 fn p_value(gains: &[f64], rivals: &[&[f64]], seed: u64) -> f64 {
     let found: f64 = gains.iter().sum();
     let cut = |gains: &[f64]| -> Vec<f64> {

@@ -72,7 +72,7 @@ pub enum Argument {
     MeanSpeed,
 }
 
-/// What kind of signal an argument is, for the claim that a term with it may make.
+/// Kind of signal, which decides what a term may be called.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Origin {
     /// An input of the model, or a short memory of one. The structure of a base may lack a term in it.

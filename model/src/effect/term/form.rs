@@ -59,7 +59,7 @@ pub enum Form {
 /// A parameter of a form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FormParameter {
-    /// Name, without the unit, which is that of the argument.
+    /// Name. Its unit is the argument's.
     pub name: &'static str,
     positive: bool,
 }

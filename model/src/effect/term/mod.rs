@@ -80,8 +80,8 @@ impl Term {
     /// of the argument in the data that the term was found on.
     ///
     /// # Errors
-    /// [`Error::Length`] if the form has another number of parameters; [`ForceError::Term`] if a number is not finite, a parameter is out of its
-    /// range, or a term that acts on an input has the force as its argument, which is not known yet.
+    /// [`Error::Length`] if the form has another number of parameters. [`ForceError::Term`] if a number is not finite, or if a parameter is out of
+    /// its range. A term that acts on an input must not have the force as its argument, because the force is not known yet.
     pub fn new(
         (modulator, argument, form): (Modulator, Argument, Form),
         amount: f64,
