@@ -2,6 +2,7 @@
 //! still valid, and a missing channel is named.
 
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
+use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::force::{Dependence, ForceLaw, ForceModel, LawModel};
@@ -92,7 +93,8 @@ fn live(model: Model, run: &Run) -> Live {
 /// `model` without the effects of the load cell.
 fn damper(model: &Model) -> Model {
     let list = model.effects.as_slice().iter().filter(|effect| !effect.is_of_load_cell());
-    Model { effects: of(&list.copied().collect::<Vec<_>>()), ..*model }
+    let effects = of(&list.copied().collect::<Vec<_>>()).with_terms(*model.effects.terms());
+    Model { effects, ..*model }
 }
 
 fn walked(model: &Model, run: &Run) -> Vec<(Stamp, u64)> {
@@ -132,24 +134,56 @@ fn the_pipeline_is_bit_identical_to_a_walk_over_the_rows() {
         [others, of_load_cell].iter().flat_map(|effects| effects.chunks(3)).map(<[EffectModel]>::to_vec),
     );
     for list in lists {
-        for (apply_to, velocity) in [
-            (ApplyTo::Inputs, VelocitySource::Backward),
-            (ApplyTo::None, VelocitySource::Slope),
-            (ApplyTo::Output, VelocitySource::Slope),
-        ] {
-            let mut model = fuzzy(&list);
-            (model.conditioning.apply_to, model.conditioning.velocity) = (apply_to, velocity);
-            let found = live(model, &run);
-            let (a, b) = (&found.damper, walked(&damper(&model), &run));
-            assert!(a.len() > 3000, "{} estimates", a.len());
-            let differ = a.iter().zip(&b).filter(|(a, b)| a != b).count();
-            assert!(a.len() == b.len() && differ == 0, "{apply_to:?} {list:?}: {differ} of {}", a.len());
-            // Not every displacement has a measured force near it.
-            let readings: HashMap<Stamp, u64> = walked(&model, &run).into_iter().collect();
-            assert!(found.readings.len() > 3000, "{} readings", found.readings.len());
-            let differ = found.readings.iter().filter(|(at, bits)| readings.get(at) != Some(bits)).count();
-            assert!(differ == 0, "{apply_to:?} {list:?}: {differ} readings");
-        }
+        pipeline_equals_walk(&fuzzy(&list), &run, &format!("{list:?}"));
+    }
+}
+
+#[test]
+fn the_pipeline_with_terms_is_bit_identical_to_a_walk_over_the_rows() {
+    let run = recorded();
+    let drift = Effect::LoadCellDrift.example();
+    // Each argument with another modulator, three terms at a time, inside of an effect of the load cell.
+    let modulators = Modulator::ALL.into_iter().cycle();
+    let pairs = Argument::ALL.into_iter().zip(modulators);
+    let terms: Vec<Term> = pairs
+        .filter(|(argument, modulator)| !(modulator.acts_on_input() && *argument == Argument::Force))
+        .map(|(argument, modulator)| {
+            Term::new((modulator, argument, Form::Tanh), 0.02, &[0.3], [-1.0, 1.0]).expect("a term")
+        })
+        .collect();
+    assert!(terms.len() >= 16, "{}", terms.len());
+    for terms in terms.chunks(3) {
+        let mut model = fuzzy(&[drift]);
+        model.effects = model.effects.with_terms(Terms::new(terms).expect("few enough"));
+        pipeline_equals_walk(
+            &model,
+            &run,
+            &format!("{:?}", terms.iter().map(Term::kind).collect::<Vec<_>>()),
+        );
+        let plain = walked(&damper(&fuzzy(&[])), &run);
+        assert!(walked(&damper(&model), &run) != plain, "the terms change the force");
+    }
+}
+
+/// Checks that the pipeline with `model` gives the bits of a walk over the rows of `run`, under each kind of conditioning.
+fn pipeline_equals_walk(model: &Model, run: &Run, what: &str) {
+    for (apply_to, velocity) in [
+        (ApplyTo::Inputs, VelocitySource::Backward),
+        (ApplyTo::None, VelocitySource::Slope),
+        (ApplyTo::Output, VelocitySource::Slope),
+    ] {
+        let mut model = *model;
+        (model.conditioning.apply_to, model.conditioning.velocity) = (apply_to, velocity);
+        let found = live(model, run);
+        let (a, b) = (&found.damper, walked(&damper(&model), run));
+        assert!(a.len() > 3000, "{} estimates", a.len());
+        let differ = a.iter().zip(&b).filter(|(a, b)| a != b).count();
+        assert!(a.len() == b.len() && differ == 0, "{apply_to:?} {what}: {differ} of {}", a.len());
+        // Not every displacement has a measured force near it.
+        let readings: HashMap<Stamp, u64> = walked(&model, run).into_iter().collect();
+        assert!(found.readings.len() > 3000, "{} readings", found.readings.len());
+        let differ = found.readings.iter().filter(|(at, bits)| readings.get(at) != Some(bits)).count();
+        assert!(differ == 0, "{apply_to:?} {what}: {differ} readings");
     }
 }
 
