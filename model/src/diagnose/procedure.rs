@@ -23,7 +23,7 @@ use std::collections::HashMap;
 /// Lack of fit below which there is nothing to explain.
 const NOTHING: f64 = 0.1;
 /// Largest share of the reducible error that may remain for the verdict "explained".
-const LITTLE: f64 = 0.2;
+pub(super) const LITTLE: f64 = 0.2;
 /// Lack of fit above which the base may be inadequate.
 const INADEQUATE: f64 = 0.5;
 /// Least share of the change since the references that the effects found must account for in paired mode. The base's own error cancels

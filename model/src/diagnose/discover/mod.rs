@@ -36,7 +36,7 @@ use super::blocks::Blocks;
 use super::finding::{NamedEffect, RefusedEffect};
 use super::interval::{Contents, Intervals};
 use super::joint::{Fitted, Joint};
-use super::procedure::{model_of, remaining_error, verdict};
+use super::procedure::{LITTLE, model_of, remaining_error, verdict};
 use super::refusal::Refusal;
 use super::round::LEAST_CONFIRMED;
 use super::rows::Rows;
@@ -183,7 +183,8 @@ pub(super) fn extend(
     };
     let start = result.after.augmented();
     // Where the library has explained the error, what is left is a detail of the structure, or an effect that no structure contains.
-    let only_beyond = result.verdict == Verdict::Explained;
+    // The verdict is not asked: it depends on the test runs.
+    let only_beyond = !result.effects.is_empty() && result.remaining.share <= LITTLE;
     let Some(found) = search.run(&start, result.noise_floor.rsse_n, only_beyond, stage)? else {
         return Ok(result);
     };
