@@ -67,9 +67,8 @@ fn difference(joint: &Joint, space: &Space, at: &[f64], predicted_n: &[f64], j: 
     moved[j] += space.steps(at)[j];
     // The step as it was rounded, not as it was requested.
     let step = moved[j] - at[j];
-    let there = space.model(&moved).and_then(|model| joint.rows.predict(&model));
-    let Some(mut there) = there else { return vec![0.0; predicted_n.len()] };
-    there.iter_mut().zip(predicted_n).for_each(|(there, here)| *there = (*there - here) / step);
-    joint.rows.centre(&mut there);
-    there
+    let by = space.model(&moved).and_then(|model| joint.rows.difference(&model, predicted_n, step));
+    let Some(mut by) = by else { return vec![0.0; predicted_n.len()] };
+    joint.rows.centre(&mut by);
+    by
 }

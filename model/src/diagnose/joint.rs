@@ -16,13 +16,13 @@
 
 use super::derivatives::columns;
 use super::ranges::Ranges;
-use super::rows::{Rows, dot};
+use super::rows::{Rows, dot, gram};
 use super::space::Space;
 use crate::effect::Augmented;
 use crate::error::Error;
 use crate::identify::least_squares::{Normal, Problem, Stop, minimise};
 use crate::identify::{Scales, Watch};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
@@ -200,17 +200,12 @@ impl Problem for Simulated<'_, '_> {
                 // The step may have failed because the derivatives are outdated: the next point computes a full set.
                 best.updates = UPDATES;
             }
-            let (square, gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
-            return Some(Normal { cost: f64::INFINITY, square, gradient });
+            return Some(Normal::impossible(n));
         };
         let (columns, updates) = self.columns(best.take(), parameters, &fitted)?;
-        let lower: Vec<Vec<f64>> = (0..n)
-            .into_par_iter()
-            .map(|a| (0..=a).map(|b| dot(&columns[a], &columns[b])).collect())
-            .collect();
         let normal = Normal {
             cost: fitted.squares,
-            square: DMatrix::from_fn(n, n, |a, b| lower[a.max(b)][a.min(b)]),
+            square: gram(&columns),
             // The sign follows from the residual, which is measured minus simulated.
             gradient: DVector::from_iterator(n, columns.iter().map(|c| -dot(c, &fitted.residual_n))),
         };

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Lack of fit below which there is nothing to explain.
-const NOTHING: f64 = 0.1;
+pub(super) const NOTHING: f64 = 0.1;
 /// Largest share of the reducible error that may remain for the verdict "explained".
 pub(super) const LITTLE: f64 = 0.2;
 /// Lack of fit above which the base may be inadequate.

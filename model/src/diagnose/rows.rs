@@ -10,8 +10,17 @@ use crate::effect::{Augmented, AugmentedOnJets, JetState, Need};
 use crate::force::jet::Jet;
 use crate::identify::{Dataset, walk};
 pub(super) use crate::statistics::dot;
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use std::ops::{ControlFlow, Range};
+
+/// The scalar products of all pairs of `columns`.
+pub(super) fn gram(columns: &[Vec<f64>]) -> DMatrix<f64> {
+    let n = columns.len();
+    let lower: Vec<Vec<f64>> =
+        (0..n).into_par_iter().map(|a| (0..=a).map(|b| dot(&columns[a], &columns[b])).collect()).collect();
+    DMatrix::from_fn(n, n, |a, b| lower[a.max(b)][a.min(b)])
+}
 
 /// The selected rows of several runs.
 pub(super) struct Rows<'a> {
@@ -209,7 +218,14 @@ impl<'a> Rows<'a> {
         self.concatenated(|run| run.predict(model))
     }
 
-    /// The same with every run changed by `change`, which keeps the rows and may add others between them.
+    /// Change of the simulated force from `here_n` to that of `there`, divided by `step`; `None` if it is not finite.
+    pub(super) fn difference(&self, there: &Augmented, here_n: &[f64], step: f64) -> Option<Vec<f64>> {
+        let mut there = self.predict(there)?;
+        there.iter_mut().zip(here_n).for_each(|(there, here)| *there = (*there - here) / step);
+        Some(there)
+    }
+
+    /// The same as [`Rows::predict`] with every run changed by `change`, which keeps the rows and may add others between them.
     pub(super) fn predict_changed(
         &self,
         model: &Augmented,

@@ -218,9 +218,8 @@ fn held_score(
     let (neutral, step) = (parameter.neutral * size, parameter.probe * size);
     let probed = with_amount(joint, fitted, effect, neutral + step, shape)
         .map_err(|error| Refusal::Invalid { error: Box::new(error) })?;
-    let there = joint.rows.predict(&probed);
-    let Some(mut own) = there else { return Err(Refusal::Diverges) };
-    own.iter_mut().zip(&fitted.predicted_n).for_each(|(there, here)| *there = (*there - here) / step);
+    let own = joint.rows.difference(&probed, &fitted.predicted_n, step);
+    let Some(mut own) = own else { return Err(Refusal::Diverges) };
     joint.rows.centre(&mut own);
     let change_n = step.abs() * (dot(&own, &own) / own.len().max(1) as f64).sqrt();
     let needed_n = LEAST_CHANGE * joint.scales.force_n;

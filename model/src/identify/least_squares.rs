@@ -28,6 +28,13 @@ pub struct Normal {
     pub gradient: DVector<f64>,
 }
 
+impl Normal {
+    /// The sums where the model with `n` parameters cannot be simulated: any other point is better.
+    pub(crate) fn impossible(n: usize) -> Self {
+        Self { cost: f64::INFINITY, square: DMatrix::zeros(n, n), gradient: DVector::zeros(n) }
+    }
+}
+
 /// The function to minimise. `residual = model - measured`.
 pub trait Problem {
     /// The sums at `parameters`; `None` if the work was cancelled.

@@ -119,13 +119,7 @@ impl<'a> Healthy<'a> {
         let mut values = term.values().to_vec();
         values[0] *= STEP;
         let small = with_term(&self.fitted.model, term.with_values(&values)?).ok()?;
-        let there = Fitted::as_is(small, self.rows)?;
-        let mut column: Vec<f64> = there
-            .predicted_n
-            .iter()
-            .zip(&self.fitted.predicted_n)
-            .map(|(there, here)| (there - here) / STEP)
-            .collect();
+        let mut column = self.rows.difference(&small, &self.fitted.predicted_n, STEP)?;
         self.rows.centre(&mut column);
         let (column, _) = self.sides.project(column);
         let power = dot(&column, &column);

@@ -39,32 +39,28 @@ fn scales_force(modulator: Modulator) -> bool {
     )
 }
 
-fn grows(argument: Argument) -> bool {
-    argument.counts_from_start()
-}
-
 /// Causes by what a term depends on. A term may have several.
 const HYPOTHESES: &[(Test, Hypothesis)] = &[
     (
-        |m, q, g| scales_force(m) && grows(q) && matches!(g, Form::Step | Form::Staircase),
+        |m, q, g| scales_force(m) && q.counts_from_start() && matches!(g, Form::Step | Form::Staircase),
         hypothesis(
             "a sudden loss: a leak of the valve or a seal, or a fault of the coil",
             "the coil's resistance; a run at zero current",
         ),
     ),
     (
-        |m, q, g| scales_force(m) && grows(q) && !matches!(g, Form::Step | Form::Staircase),
+        |m, q, g| scales_force(m) && q.counts_from_start() && !matches!(g, Form::Step | Form::Staircase),
         hypothesis("the fluid warms, wears or settles", "a rest of some minutes, then the same run again"),
     ),
     (
-        |m, q, _| m == Modulator::ForcePerDrive && grows(q),
+        |m, q, _| m == Modulator::ForcePerDrive && q.counts_from_start(),
         hypothesis(
             "the driver's current drifts, or the coil warms at a constant voltage",
             "the current at the coil, measured by another sensor",
         ),
     ),
     (
-        |m, q, _| matches!(m, Modulator::One | Modulator::SignVelocity) && grows(q),
+        |m, q, _| matches!(m, Modulator::One | Modulator::SignVelocity) && q.counts_from_start(),
         hypothesis("seal friction or the load cell's zero changes", "the force at rest before and after"),
     ),
     (

@@ -13,7 +13,7 @@
 //!
 //! A wrong structure of the base leaves a residual that a term could take for an effect. The space of structures, a generalised Maxwell-slip
 //! model under fuzzy sets, contains the forces of many dampers, so what it can take away is not evidence for a term. Where nothing is found
-//! beyond that space, the search goes on without it: such a term may be structure, and only a healthy run decides. A term is added to
+//! beyond that space, the next pass searches without it. Such a term may be structure: only a healthy run decides. A term is added to
 //! the model if it holds on runs that it was not fitted on, whatever its claim is. At most [`MAX_TERMS`] are added. The test runs decide nothing
 //! here, as everywhere: they can only take the verdict away.
 //!
@@ -36,7 +36,7 @@ use super::blocks::Blocks;
 use super::finding::{NamedEffect, RefusedEffect};
 use super::interval::{Contents, Intervals};
 use super::joint::{Fitted, Joint};
-use super::procedure::{LITTLE, model_of, remaining_error, verdict};
+use super::procedure::{LITTLE, NOTHING, model_of, remaining_error, verdict};
 use super::refusal::Refusal;
 use super::round::LEAST_CONFIRMED;
 use super::rows::Rows;
@@ -47,7 +47,8 @@ use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::Error;
 use crate::identify::{Dataset, Scales, Watch};
 use claim::{Healthy, STRUCTURE};
-use nuisance::Side;
+use nuisance::{Side, Sides};
+use screen::Pair;
 use settle::Settled;
 
 /// Rate of the rows in the search, Hz. They are selected, not filtered.
@@ -56,8 +57,6 @@ const RATE_HZ: f64 = 128.0;
 const MOST_ROWS: usize = 20_000;
 /// Evaluations of the last refits.
 const REFIT: usize = 12;
-/// Lack of fit below which nothing is left to discover.
-const NOTHING: f64 = 0.1;
 
 /// A term that was discovered.
 #[derive(Debug, Clone, PartialEq)]
@@ -234,13 +233,21 @@ impl Pass {
     ];
 }
 
+/// The screen of a model. It serves every pass over the same model that leaves out the same space.
+struct Screened<'a> {
+    beyond_structure: bool,
+    sides: Sides<'a>,
+    healthy: Option<Healthy<'a>>,
+    pairs: Vec<Pair>,
+}
+
 /// A model with the terms found.
 struct Found {
     fitted: Fitted,
     discovery: Discovery,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
     /// The rounds. `None` if `start` cannot be simulated on the runs.
     fn run(
         &self,
@@ -260,23 +267,27 @@ impl Search<'_> {
         if most == 0 {
             return Ok(None);
         }
+        let mut screened = None;
         while let Some(&&Pass { beyond_structure, structure_too }) = passes.peek() {
             let search = Search { beyond_structure, ..*self };
             let number = discovery.terms.len() + 1;
             stage(Stage::Terms(number));
-            let Some(sides) = Side::both(&search, &fitted)? else { break };
-            if 1.0 - noise / sides.confirm.raw_squares() < NOTHING {
+            let kept = screened.take().filter(|kept: &Screened| kept.beyond_structure == beyond_structure);
+            let here = match kept {
+                Some(kept) => kept,
+                None => match search.screen(&fitted, &healthy_rows, &blocks)? {
+                    Some(here) => here,
+                    None => break,
+                },
+            };
+            if 1.0 - noise / here.sides.confirm.raw_squares() < NOTHING {
                 break;
             }
-            let healthy = Healthy::new(&search, &healthy_rows, &fitted.model)?;
-            let on_healthy = healthy.as_ref().map(|healthy| &healthy.sides);
-            let mut pairs = screen::pairs(&sides, on_healthy, fitted.model.effects().terms(), &blocks);
-            if !structure_too {
-                pairs.retain(|pair| pair.on_healthy.is_none_or(|ratio| ratio < STRUCTURE));
-            }
-            match settle::settle(&search, &fitted, &sides, &pairs, &blocks)? {
+            let shown = |pair: &&Pair| structure_too || pair.on_healthy.is_none_or(|ratio| ratio < STRUCTURE);
+            let pairs: Vec<&Pair> = here.pairs.iter().filter(shown).collect();
+            match settle::settle(&search, &fitted, &here.sides, &pairs, &blocks)? {
                 Ok(Settled { fitted: next, term, class, p, confirmed }) => {
-                    let claim = claim::claim(healthy.as_ref(), &term);
+                    let claim = claim::claim(here.healthy.as_ref(), &term);
                     discovery.terms.push(FoundTerm { term, claim, class, p, confirmed, ci95: Vec::new() });
                     fitted = next;
                     if number == most {
@@ -286,10 +297,25 @@ impl Search<'_> {
                 Err(refused) => {
                     discovery.refused = refused;
                     passes.next();
+                    screened = Some(here);
                 }
             }
         }
         Ok(Some(Found { fitted, discovery }))
+    }
+
+    /// Screens all pairs; `None` if `fitted` cannot be simulated on the validation runs.
+    fn screen(
+        &self,
+        fitted: &Fitted,
+        healthy_rows: &'a Rows<'a>,
+        blocks: &Blocks,
+    ) -> Result<Option<Screened<'a>>, Error> {
+        let Some(sides) = Side::both(self, fitted)? else { return Ok(None) };
+        let healthy = Healthy::new(self, healthy_rows, &fitted.model)?;
+        let on_healthy = healthy.as_ref().map(|healthy| &healthy.sides);
+        let pairs = screen::pairs(&sides, on_healthy, fitted.model.effects().terms(), blocks);
+        Ok(Some(Screened { beyond_structure: self.beyond_structure, sides, healthy, pairs }))
     }
 
     /// `result` with the terms found: effects that they replace, intervals, the errors on validation and test runs, and the verdict.

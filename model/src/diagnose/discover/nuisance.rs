@@ -10,10 +10,9 @@ use super::Search;
 use super::series::Series;
 use super::structure;
 use crate::diagnose::joint::{Fitted, Joint};
-use crate::diagnose::rows::{Rows, dot};
+use crate::diagnose::rows::{Rows, dot, gram};
 use crate::error::Error;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use rayon::prelude::*;
 
 /// Added to the unit diagonal of the normal matrix.
 const RIDGE: f64 = 1e-5;
@@ -120,11 +119,4 @@ impl Sides<'_> {
         let weights = self.factor.solve(&self.train.onto(&series));
         (self.train.without(series, &weights), weights)
     }
-}
-
-fn gram(columns: &[Vec<f64>]) -> DMatrix<f64> {
-    let n = columns.len();
-    let lower: Vec<Vec<f64>> =
-        (0..n).into_par_iter().map(|a| (0..=a).map(|b| dot(&columns[a], &columns[b])).collect()).collect();
-    DMatrix::from_fn(n, n, |a, b| lower[a.max(b)][a.min(b)])
 }

@@ -15,7 +15,7 @@ use super::nuisance::{Side, Sides};
 use super::structure::place;
 use crate::diagnose::blocks::Blocks;
 use crate::diagnose::rows::dot;
-use crate::effect::term::{Argument, Form, MAX_FORM_PARAMETERS, Modulator, Origin, Term, Terms};
+use crate::effect::term::{Argument, Form, MAX_FORM_PARAMETERS, Modulator, Term, Terms};
 use crate::error::Error;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -73,7 +73,7 @@ pub(super) fn pairs(sides: &Sides, healthy: Option<&Sides>, taken: &Terms, block
 /// and temperature do together.
 fn repeats((modulator, argument): (Modulator, Argument), term: &Term) -> bool {
     let (own, of, _) = term.kind();
-    let both_grow = argument.origin() == Origin::Growing && of.origin() == Origin::Growing;
+    let both_grow = argument.counts_from_start() && of.counts_from_start();
     both_grow || (own, of) == (modulator, argument)
 }
 

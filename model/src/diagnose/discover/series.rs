@@ -130,7 +130,5 @@ fn by_input(model: &Augmented, rows: &Rows, predicted_n: &[f64], modulator: Modu
     let step = SHARE_OF_RANGE * (high - low);
     let (kind, everywhere) = ((modulator, Argument::Time, Form::Constant), [0.0, f64::MAX]);
     let term = (step > 0.0).then(|| Term::new(kind, step, &[], everywhere).ok()).flatten()?;
-    let mut there = rows.predict(&super::with_term(model, term).ok()?)?;
-    there.iter_mut().zip(predicted_n).for_each(|(there, here)| *there = (*there - here) / step);
-    Some(there)
+    rows.difference(&super::with_term(model, term).ok()?, predicted_n, step)
 }

@@ -2,21 +2,22 @@
 //!
 //! A closed form on hat functions is linear in its amount only, and a large effect has bent the base that was fitted without it. So the numbers
 //! of each of the best terms are refitted through the simulator, with the nuisance space projected off; then, for the rivals of the best,
-//! base, effects and terms together. The validation runs choose among them: within [`ALIKE`] of the least squared error the simplest wins, and the others are its
-//! class.
+//! base, effects and terms together. The validation runs choose among them: within [`ALIKE`] of the least squared error the simplest wins,
+//! and the others are its class.
 
 use super::nuisance::{Side, Sides};
 use super::screen::Pair;
 use super::{RefusedTerm, Search, TermRefusal, with_term};
 use crate::diagnose::blocks::Blocks;
-use crate::diagnose::joint::Fitted;
-use crate::diagnose::rows::dot;
+use crate::diagnose::derivatives::columns;
+use crate::diagnose::joint::{Fitted, Joint, Nearby};
+use crate::diagnose::rows::{dot, gram};
+use crate::diagnose::space::{Space, bounds_of_term};
+use crate::effect::Augmented;
 use crate::effect::term::{Argument, Modulator, Term};
-use crate::effect::{Augmented, AugmentedOnJets};
 use crate::error::Error;
-use crate::force::jet::Jet;
 use crate::identify::least_squares::{Normal, Problem, Stop, minimise};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -42,8 +43,6 @@ const ALIKE: f64 = 0.03;
 const FLIPS: u32 = 4_000;
 /// Least number of blocks: with fewer, no p is below [`SIGNIFICANT`].
 const LEAST_BLOCKS: usize = 7;
-/// Directions of the derivatives by the numbers of a term.
-const DIRECTIONS: usize = 4;
 
 /// An accepted term.
 pub(super) struct Settled {
@@ -72,11 +71,11 @@ pub(super) fn settle(
     search: &Search,
     current: &Fitted,
     sides: &Sides,
-    pairs: &[Pair],
+    pairs: &[&Pair],
     blocks: &Blocks,
 ) -> Result<Result<Settled, Option<RefusedTerm>>, Error> {
-    let mut chosen: Vec<&Pair> = pairs.iter().take(BY_SCORE).collect();
-    let mut by_training: Vec<&Pair> = pairs.iter().skip(BY_SCORE).collect();
+    let mut chosen: Vec<&Pair> = pairs.iter().copied().take(BY_SCORE).collect();
+    let mut by_training: Vec<&Pair> = pairs.iter().copied().skip(BY_SCORE).collect();
     by_training.sort_by(|a, b| b.train_gain.total_cmp(&a.train_gain));
     chosen.extend(by_training.into_iter().take(BY_TRAINING));
     let alone = |pair: &&Pair| alone(search, sides, &current.model, pair, blocks);
@@ -169,7 +168,7 @@ fn refit_term(
     start: Term,
 ) -> Result<Option<Fitted>, Error> {
     let problem = OfTerm { search, sides, model, start };
-    let bounds: Vec<[f64; 2]> = crate::diagnose::space::bounds_of_term(&start).collect();
+    let bounds: Vec<[f64; 2]> = bounds_of_term(&start).collect();
     let stop = Stop { evaluations: OF_TERM, cost: 1e-5, step: 1e-5 };
     let found = minimise(&problem, start.values(), &bounds, &stop).ok_or(Error::Cancelled)?;
     Ok(problem.fitted(&found.parameters))
@@ -189,18 +188,15 @@ impl OfTerm<'_> {
         Fitted::as_is(model, self.search.train)
     }
 
-    /// Derivatives of the simulated force by the numbers of the term.
-    fn columns(&self, model: &Augmented, count: usize) -> Option<Vec<Vec<f64>>> {
-        let all = model.force().coefficients()?.len()
-            + model.effects().as_slice().iter().map(|effect| effect.parameters().len()).sum::<usize>()
-            + model.effects().terms().iter().map(|term| term.values().len()).sum::<usize>();
-        let first = all - count;
-        let jets =
-            AugmentedOnJets::<DIRECTIONS>::new(model, |number, value| match number.checked_sub(first) {
-                Some(direction) => Jet::variable(value, direction),
-                None => Jet::from(value),
-            })?;
-        Some(self.search.train.derivatives(&jets, count))
+    /// Derivatives of the simulated force by the numbers of the term, which are the last ones of the model.
+    fn columns(&self, fitted: &Fitted, count: usize) -> Option<Vec<Vec<f64>>> {
+        let joint = Joint { base_moves: false, ..self.search.joint };
+        let space = Space::new(&fitted.model, joint.scales, joint.ranges, joint.base_moves).ok()?;
+        let values = space.values();
+        let first = values.len() - count;
+        let wanted: Vec<bool> = (0..values.len()).map(|number| number >= first).collect();
+        let all = columns(&joint, &space, &values, &fitted.predicted_n, &wanted, Nearby::new())?;
+        Some(all.into_iter().skip(first).collect())
     }
 }
 
@@ -211,26 +207,23 @@ impl Problem for OfTerm<'_> {
         }
         let n = values.len();
         let fitted = self.fitted(values);
-        let columns = fitted.as_ref().and_then(|fitted| self.columns(&fitted.model, n));
+        let columns = fitted.as_ref().and_then(|fitted| self.columns(fitted, n));
         let (Some(fitted), Some(columns)) = (fitted, columns) else {
-            let (square, gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
-            return Some(Normal { cost: f64::INFINITY, square, gradient });
+            return Some(Normal::impossible(n));
         };
         let (rest_n, _) = self.sides.project(fitted.residual_n);
         let columns: Vec<Vec<f64>> = columns.into_iter().map(|column| self.sides.project(column).0).collect();
         Some(Normal {
             cost: dot(&rest_n, &rest_n),
-            square: DMatrix::from_fn(n, n, |a, b| dot(&columns[a], &columns[b])),
+            square: gram(&columns),
             gradient: DVector::from_iterator(n, columns.iter().map(|column| -dot(column, &rest_n))),
         })
     }
 }
 
 /// Order of terms that fit alike: fewest numbers, then the argument and the modulator that come first in their lists.
-fn simplicity(term: &Term) -> (usize, Option<usize>, Option<usize>) {
+fn simplicity(term: &Term) -> (usize, Argument, Modulator) {
     let (modulator, argument, _) = term.kind();
-    let argument = Argument::ALL.iter().position(|other| *other == argument);
-    let modulator = Modulator::ALL.iter().position(|other| *other == modulator);
     (term.values().len(), argument, modulator)
 }
 

@@ -34,7 +34,7 @@ const DRIVE_LAG_S: f64 = 0.05;
 const SPEED_LAG_S: f64 = 1.0;
 
 /// An argument; see `model/src/effect/term/argument.rs`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Argument {
     /// The displacement.
     Displacement,
@@ -165,7 +165,7 @@ impl Argument {
     /// True if it counts from the start of a run: a term with it belongs to one history of the damper.
     #[must_use]
     pub const fn counts_from_start(self) -> bool {
-        matches!(self, Self::Time | Self::Path | Self::Energy | Self::TemperatureRise)
+        matches!(self.origin(), Origin::Growing)
     }
 
     pub(crate) const fn origin(self) -> Origin {

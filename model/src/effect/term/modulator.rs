@@ -22,7 +22,7 @@ use crate::force::Inputs;
 use crate::force::jet::Real;
 
 /// A modulator; see `model/src/effect/term/modulator.rs`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Modulator {
     /// 1.
     One,

@@ -233,6 +233,14 @@ fn every_form_and_modulator_has_the_derivatives_of_its_simulation() {
 }
 
 #[test]
+fn the_lists_are_in_the_order_of_their_types() {
+    assert!(
+        Modulator::ALL.is_sorted() && Argument::ALL.is_sorted(),
+        "the simplest term is chosen by this order"
+    );
+}
+
+#[test]
 fn terms_that_cannot_run_are_refused() {
     let new = |kind, parameters: &[f64], confirmed_in| {
         Term::new(kind, 1.0, parameters, confirmed_in).map_err(|e| e.to_string())
