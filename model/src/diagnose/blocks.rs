@@ -70,6 +70,12 @@ impl Blocks {
         Self::new(rows, least_s.max(CORRELATION_TIMES * correlation_time_s(rows, series)))
     }
 
+    /// Drop of the squared error on each block from the errors `before` to those `after`.
+    pub(super) fn gains(&self, before: &[f64], after: &[f64]) -> Vec<f64> {
+        let [before, after] = [before, after].map(|errors| self.sums(errors, errors));
+        before.iter().zip(&after).map(|(before, after)| before - after).collect()
+    }
+
     /// Number of blocks.
     pub(super) const fn count(&self) -> usize {
         self.count

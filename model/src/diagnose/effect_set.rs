@@ -12,6 +12,7 @@ use crate::error::{DiagnosisError, Error};
 ///
 /// let set = EffectSet::only(&["friction", "inertia"])?;
 /// assert!(set.has(Effect::Friction) && !set.has(Effect::CoilLag));
+/// assert!(!EffectSet::NONE.has(Effect::Friction));
 /// let error = EffectSet::only(&["cavitation"]).unwrap_err().to_string();
 /// assert!(error.starts_with("unknown effect \"cavitation\"; the known effects are coil_lag,"), "{error}");
 /// # Ok::<(), mr_damper_model::Error>(())
@@ -25,6 +26,8 @@ pub struct EffectSet {
 impl EffectSet {
     /// The whole library.
     pub const ALL: Self = Self { included: [true; Effect::ALL.len()] };
+    /// No effect: only terms are searched.
+    pub const NONE: Self = Self { included: [false; Effect::ALL.len()] };
 
     /// The effects with these ids, in all their forms.
     ///

@@ -161,15 +161,10 @@ impl Space {
     }
 }
 
-/// Bounds of the numbers of a term: any amount; places within the argument's range in the data, and widths and scales within a thousandth
-/// and ten times of it.
+/// Bounds of the numbers of a term: any amount, and [`FormParameter::bounds`].
 pub(super) fn bounds_of_term(term: &Term) -> impl Iterator<Item = [f64; 2]> {
-    let ([low, high], (_, _, form)) = (term.confirmed_in(), term.kind());
-    let range = (high - low).max(f64::MIN_POSITIVE);
-    let bounds = move |parameter: &FormParameter| match parameter.is_positive() {
-        true => [1e-3 * range, 10.0 * range],
-        false => [low, high],
-    };
+    let (range, (_, _, form)) = (term.confirmed_in(), term.kind());
+    let bounds = move |parameter: &FormParameter| parameter.bounds(range);
     std::iter::once([f64::NEG_INFINITY, f64::INFINITY]).chain(form.parameters().iter().map(bounds))
 }
 

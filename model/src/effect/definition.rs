@@ -124,6 +124,8 @@ impl Unit {
     pub const NONE: Self = Self::new("", "");
     /// The unit of the drive, A or V.
     pub const DRIVE: Self = Self { suffix: "_drive", symbol: None };
+    /// Hertz.
+    pub const HERTZ: Self = Self::new("_hz", "Hz");
     /// Second.
     pub const SECOND: Self = Self::new("_s", "s");
     /// Metre.

@@ -56,6 +56,29 @@ fn a_sudden_loss_of_force_is_found_and_added() {
 }
 
 #[test]
+fn the_resonance_of_a_mount_is_found_with_its_frequency_and_damping() {
+    let settings = Settings { most_terms: 1, ..Settings::default() };
+    let found = diagnose(&[("mount_resonance", 0.25)], true, &settings);
+    let [term] = &found.discovery.terms[..] else { panic!("{:?}", found.discovery) };
+    assert_eq!(term.term.kind(), (Modulator::One, Argument::Force, Form::Resonance), "{term:?}");
+    let &[frequency_hz, damping] = term.term.parameters() else { panic!("{term:?}") };
+    assert!((frequency_hz - 32.0).abs() < 0.3 && (damping - 0.06).abs() < 0.01, "{term:?}");
+    assert!(term.claim.is_effect(), "{:?}", term.claim);
+}
+
+#[test]
+fn a_hum_is_said_with_its_frequency_and_is_not_in_the_model() {
+    let settings = Settings { most_terms: 1, effects: EffectSet::NONE, ..Settings::default() };
+    let found = diagnose(&[("mains_hum", 30.0)], false, &settings);
+    let hum = found.discovery.hum.expect("a hum");
+    assert!((hum.frequency_hz - 50.0).abs() < 0.02, "{hum:?}");
+    // The anti-alias filter of the rig's force channel takes some of it.
+    assert!((24.0..32.0).contains(&hum.amplitude_n), "{hum:?}");
+    assert!(found.discovery.terms.iter().all(|term| term.term.kind().1 != Argument::Time));
+    assert!(diagnose(&[], false, &settings).discovery.hum.is_none());
+}
+
+#[test]
 fn nothing_in_the_own_variables_of_the_base_is_called_an_effect_without_a_healthy_run() {
     for truth in [&[][..], &[("relief_valve", 0.3)]] {
         let found = diagnose(truth, false, &Settings::default());

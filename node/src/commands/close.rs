@@ -88,6 +88,9 @@ pub struct Args {
 /// another struct is flattened into it, so each argument names the group itself.
 const GROUP: &str = "RecordedArgs";
 
+/// The value of `--effects` for no effect.
+const NO_EFFECTS: &str = "none";
+
 /// Arguments for a base model and recorded runs.
 #[derive(Debug, clap::Args)]
 pub struct RecordedArgs {
@@ -125,9 +128,9 @@ pub struct RecordedArgs {
     /// option can only make it longer.
     #[arg(long, group = GROUP, value_name = "S")]
     pub block_s: Option<f64>,
-    /// Ids of the effects to search for (coil_lag, friction, ...), if you know which ones your damper can have [default: the
-    /// whole library].
-    #[arg(long, group = GROUP, value_name = "ID", num_args = 1.., value_delimiter = ',', value_parser = PossibleValuesParser::new(Effect::ids()))]
+    /// Ids of the effects to search for (coil_lag, friction, ...), if you know which ones your damper can have, or `none` to
+    /// search for terms alone [default: the whole library].
+    #[arg(long, group = GROUP, value_name = "ID", num_args = 1.., value_delimiter = ',', value_parser = PossibleValuesParser::new(Effect::ids().into_iter().chain([NO_EFFECTS])))]
     pub effects: Vec<String>,
     /// Physical range of an effect's first parameter, in its unit, for a machine that is not a damper of a few kilonewtons:
     /// inertia=0:200 for masses up to 200 kg. May be given several times.
@@ -229,7 +232,16 @@ fn close(
     context: &CliContext,
     working: &Working,
 ) -> Result<diagnose::DiagnosisResult, NodeError> {
-    let effects = if args.effects.is_empty() { EffectSet::ALL } else { EffectSet::only(&args.effects)? };
+    let effects = match &args.effects[..] {
+        [] => EffectSet::ALL,
+        [only] if only == NO_EFFECTS => EffectSet::NONE,
+        ids if ids.iter().any(|id| id == NO_EFFECTS) => {
+            return Err(NodeError::Usage(format!(
+                "--effects {NO_EFFECTS} cannot have other ids beside it: leave them out"
+            )));
+        }
+        ids => EffectSet::only(ids)?,
+    };
     let with = |ranges: Ranges, (id, range): &(String, [f64; 2])| ranges.with(id, *range);
     let settings = Settings {
         effects,

@@ -6,16 +6,18 @@
 //!
 //! | evidence | claim |
 //! |---|---|
-//! | the argument grows while the damper runs, or the curve has a place or a wavelength in the stroke | effect |
+//! | the argument grows while the damper runs; the curve has a place or a wavelength in the stroke; a resonance | effect |
 //! | healthy runs: the ratio is below 0.2 | effect |
 //! | healthy runs: the ratio is above 0.5 | structure: the healthy damper has it too |
 //! | otherwise | effect or structure |
 //!
 //! No structure of a damper model changes with time, or at one place of the stroke. A term in velocity, force, drive or a short memory of
 //! them may be what the structure of the base lacks. In trials, effects had a ratio of 0.12 or less, and structure
-//! 0.55 or more. On the healthy runs, the base is refitted linearly together with the space of structures.
+//! 0.55 or more. On the healthy runs, the base is refitted linearly together with the space of structures. A term that this space can follow is
+//! compared without it.
 
-use super::nuisance::{Side, Sides};
+use super::nuisance::{KnownStructure, Side};
+use super::screen::LEAST_IDENTIFIABLE;
 use super::{Search, with_term};
 use crate::diagnose::joint::{Fitted, Joint};
 use crate::diagnose::rows::{Rows, dot};
@@ -80,6 +82,7 @@ pub(super) fn claim(healthy: Option<&Healthy>, term: &Term) -> Claim {
         Origin::Position => local,
         Origin::Input => false,
     };
+    let beyond_structure = beyond_structure || form == Form::Resonance;
     match on_healthy {
         Some(ratio) if ratio >= STRUCTURE => Claim::Structure { on_healthy: ratio },
         Some(ratio) if ratio > EFFECT && !beyond_structure => {
@@ -94,7 +97,11 @@ pub(super) fn claim(healthy: Option<&Healthy>, term: &Term) -> Claim {
 pub(super) struct Healthy<'a> {
     rows: &'a Rows<'a>,
     fitted: Fitted,
-    pub(super) sides: Sides<'a>,
+    pub(super) side: Side<'a>,
+    /// The same without the space of structures.
+    plain: Side<'a>,
+    /// The structure that the base lacks on them, if the search is beyond it.
+    pub(super) structure: Option<KnownStructure>,
 }
 
 impl<'a> Healthy<'a> {
@@ -109,9 +116,15 @@ impl<'a> Healthy<'a> {
         }
         let joint = Joint { rows, ..search.joint };
         let Some(fitted) = joint.refit(model, REFIT)? else { return Ok(None) };
-        let own = Search { train: rows, confirm: rows, joint, ..*search };
-        let sides = Side::both(&own, &fitted)?;
-        Ok(sides.map(|sides| Self { rows, fitted, sides }))
+        let plain = Side::healthy(&Search { beyond_structure: false, ..*search }, rows, &fitted)?;
+        let side = Side::healthy(search, rows, &fitted)?;
+        Ok(side.zip(plain).map(|((side, structure), (plain, _))| Self {
+            rows,
+            fitted,
+            side,
+            plain,
+            structure,
+        }))
     }
 
     /// The amount of `term` here as a share of its own, without its sign; `None` if it cannot be simulated.
@@ -121,8 +134,17 @@ impl<'a> Healthy<'a> {
         let small = with_term(&self.fitted.model, term.with_values(&values)?).ok()?;
         let mut column = self.rows.difference(&small, &self.fitted.predicted_n, STEP)?;
         self.rows.centre(&mut column);
-        let (column, _) = self.sides.project(column);
-        let power = dot(&column, &column);
-        Some(if power > 0.0 { (dot(&column, &self.sides.train.rest_n) / power).abs() } else { 0.0 })
+        Some(self.share(column).abs())
+    }
+
+    /// Amount of a change of the force by `column` that fits these runs. A change that the space of structures can follow is judged without this
+    /// space, because the base may lack it on every run. The amount is 0 if the numbers of the model alone can follow it.
+    pub(super) fn share(&self, column: Vec<f64>) -> f64 {
+        let amount = |side: &Side| {
+            let rest = side.project(column.clone());
+            let power = dot(&rest, &rest);
+            (power > LEAST_IDENTIFIABLE * dot(&column, &column)).then(|| dot(&rest, &side.residual_n) / power)
+        };
+        amount(&self.side).or_else(|| amount(&self.plain)).unwrap_or(0.0)
     }
 }

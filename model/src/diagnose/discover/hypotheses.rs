@@ -42,6 +42,13 @@ fn scales_force(modulator: Modulator) -> bool {
 /// Causes by what a term depends on. A term may have several.
 const HYPOTHESES: &[(Test, Hypothesis)] = &[
     (
+        |_, _, g| g == Form::Resonance,
+        hypothesis(
+            "the mount of the damper or of the load cell swings",
+            "a blow on the mount with the damper at rest; a stiffer mount",
+        ),
+    ),
+    (
         |m, q, g| scales_force(m) && q.counts_from_start() && matches!(g, Form::Step | Form::Staircase),
         hypothesis(
             "a sudden loss: a leak of the valve or a seal, or a fault of the coil",
@@ -110,7 +117,7 @@ const HYPOTHESES: &[(Test, Hypothesis)] = &[
         ),
     ),
     (
-        |_, q, _| q == Argument::Force,
+        |_, q, g| q == Argument::Force && g != Form::Resonance,
         hypothesis(
             "a blow-off valve, or a load path that yields with the force",
             "slow strokes at large current",

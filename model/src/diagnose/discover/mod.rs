@@ -6,30 +6,35 @@
 //! screen          every pair (m, q): g as a curve of hat functions, then closed forms, with N projected off; fitted on the
 //!                 training runs, its gain measured on the validation runs with the same coefficients      ([`screen`])
 //! settle          the best pairs: numbers of the term refitted, then base, effects and terms together     ([`settle`])
-//! accept          gains on blocks of the validation runs, signs flipped, against the best of all pairs: p <= 0.01,
+//! accept          gains on blocks of both sides, each fitted on the other, signs flipped, against the best of all pairs: p <= 0.01,
 //!                 and at least 5 % less squared error on the validation runs
 //! claim           effect, or structure that the base lacks, or one of the two                             ([`claim`])
+//! hum             a sine in the measured force that is left; it is said, and not added                    ([`hum`])
 //! ```
 //!
 //! A wrong structure of the base leaves a residual that a term could take for an effect. The space of structures, a generalised Maxwell-slip
-//! model under fuzzy sets, contains the forces of many dampers, so what it can take away is not evidence for a term. Where nothing is found
-//! beyond that space, the next pass searches without it. Such a term may be structure: only a healthy run decides. A term is added to
-//! the model if it holds on runs that it was not fitted on, whatever its claim is. At most [`MAX_TERMS`] are added. The test runs decide nothing
-//! here, as everywhere: they can only take the verdict away.
+//! model under fuzzy sets, contains the forces of many dampers, so what it can take away is not evidence for a term. With healthy runs, its
+//! weights must also fit these runs: what the healthy damper does not need of the space is not structure, so an effect within it stays visible
+//! ([`nuisance`]). Where nothing is found beyond that space, the next pass searches without it. Such a term may be structure: only a healthy run
+//! decides. A term is added to the model if it holds on runs that it was not fitted on, whatever its claim is. At most [`MAX_TERMS`] are
+//! added. The test runs decide nothing here, as everywhere: they can only take the verdict away.
 //!
 //! Multiple testing: under the null hypothesis the gain on each block could equally be a loss. The largest gain of any pair under a flip of
 //! signs is compared with the gain found, so the number of pairs is paid for. Losses count at most as much as the pair's largest gain: a pair
 //! that explodes on one block would widen the distribution otherwise.
 
 mod claim;
+mod hum;
 mod hypotheses;
 mod nuisance;
+mod resonance;
 mod screen;
 mod series;
 mod settle;
 mod structure;
 
 pub use claim::Claim;
+pub use hum::Hum;
 pub use hypotheses::Hypothesis;
 
 use super::blocks::Blocks;
@@ -47,7 +52,7 @@ use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::Error;
 use crate::identify::{Dataset, Scales, Watch};
 use claim::{Healthy, STRUCTURE};
-use nuisance::{Side, Sides};
+use nuisance::Sides;
 use screen::Pair;
 use settle::Settled;
 
@@ -87,7 +92,7 @@ pub struct RefusedTerm {
 /// Why a term was not accepted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TermRefusal {
-    /// The gain on the validation runs may be chance.
+    /// The gain on runs that it was not fitted on may be chance.
     NotSignificant {
         /// Probability of a gain like this by chance, over all pairs.
         p: f64,
@@ -101,7 +106,7 @@ pub enum TermRefusal {
         /// Least share.
         needed: f64,
     },
-    /// The validation runs have too few blocks for the test.
+    /// Training and validation runs have too few blocks for the test.
     TooFewBlocks {
         /// Number of blocks.
         blocks: usize,
@@ -110,11 +115,26 @@ pub enum TermRefusal {
     },
 }
 
+impl TermRefusal {
+    /// Name in JSON.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::NotSignificant { .. } => "not_significant",
+            Self::TooSmall { .. } => "too_small",
+            Self::TooFewBlocks { .. } => "too_few_blocks",
+        }
+    }
+}
+
 impl std::fmt::Display for TermRefusal {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
             Self::NotSignificant { p, allowed } => {
-                write!(f, "its gain on the validation runs may be chance: p is {p:.3}, allowed is {allowed}")
+                write!(
+                    f,
+                    "its gain on runs that it was not fitted on may be chance: p is {p:.3}, allowed is {allowed}"
+                )
             }
             Self::TooSmall { share, needed } => write!(
                 f,
@@ -124,7 +144,7 @@ impl std::fmt::Display for TermRefusal {
             ),
             Self::TooFewBlocks { blocks, needed } => write!(
                 f,
-                "the validation runs have {blocks} blocks, and the test needs {needed}: give more or longer validation runs"
+                "training and validation runs have {blocks} blocks, and the test needs {needed}: give more or longer runs"
             ),
         }
     }
@@ -147,6 +167,8 @@ pub struct Discovery {
     pub terms: Vec<FoundTerm>,
     /// The best term of the last round, which was not accepted; `None` if no pair had a gain.
     pub refused: Option<RefusedTerm>,
+    /// A hum in what the model leaves; it is not in the model.
+    pub hum: Option<Hum>,
 }
 
 /// Searches what `result` leaves for terms, and adds them to the model.
@@ -184,10 +206,18 @@ pub(super) fn extend(
     // Where the library has explained the error, what is left is a detail of the structure, or an effect that no structure contains.
     // The verdict is not asked: it depends on the test runs.
     let only_beyond = !result.effects.is_empty() && result.remaining.share <= LITTLE;
-    let Some(found) = search.run(&start, result.noise_floor.rsse_n, only_beyond, stage)? else {
-        return Ok(result);
+    let found = search.run(&start, result.noise_floor.rsse_n, only_beyond, stage)?;
+    let mut result = match found {
+        Some(found) => search.conclude(result, found)?,
+        None => result,
     };
-    search.conclude(result, found)
+    result.discovery.hum = hum::find(&search, &result.after.augmented());
+    Ok(result)
+}
+
+/// All rows that count.
+fn selected_all(datasets: &[Dataset]) -> Rows<'_> {
+    Rows::new(datasets, usize::MAX)
 }
 
 /// The rows of the search: at most [`RATE_HZ`].
@@ -221,9 +251,8 @@ struct Pass {
 
 impl Pass {
     /// With healthy runs: first what they do not show, then what the structure of the base lacks.
-    const ALL: [Self; 3] = [
+    const WITH_HEALTHY: [Self; 2] = [
         Self { beyond_structure: true, structure_too: false },
-        Self { beyond_structure: false, structure_too: false },
         Self { beyond_structure: false, structure_too: true },
     ];
     /// Without them.
@@ -239,6 +268,18 @@ struct Screened<'a> {
     sides: Sides<'a>,
     healthy: Option<Healthy<'a>>,
     pairs: Vec<Pair>,
+}
+
+/// Blocks of the training and the validation runs.
+struct BothBlocks {
+    train: Blocks,
+    confirm: Blocks,
+}
+
+impl BothBlocks {
+    const fn count(&self) -> usize {
+        self.train.count() + self.confirm.count()
+    }
 }
 
 /// A model with the terms found.
@@ -259,9 +300,12 @@ impl<'a> Search<'a> {
         let Some(mut fitted) = Fitted::as_is(*start, self.train) else { return Ok(None) };
         let mut discovery = Discovery::default();
         let noise = noise_n * noise_n * self.confirm.len() as f64;
-        let blocks = Blocks::new(self.confirm, self.settings.training_block_s());
+        let [train, confirm] =
+            [self.train, self.confirm].map(|rows| Blocks::new(rows, self.settings.training_block_s()));
+        let blocks = BothBlocks { train, confirm };
         let healthy_rows = selected(self.runs.healthy);
-        let passes: &[Pass] = if self.runs.healthy.is_empty() { &Pass::WITHOUT_HEALTHY } else { &Pass::ALL };
+        let passes: &[Pass] =
+            if self.runs.healthy.is_empty() { &Pass::WITHOUT_HEALTHY } else { &Pass::WITH_HEALTHY };
         let mut passes = passes.iter().filter(|pass| pass.beyond_structure || !only_beyond).peekable();
         let most = self.settings.most_terms.min(MAX_TERMS - start.effects().terms().iter().count());
         if most == 0 {
@@ -285,7 +329,8 @@ impl<'a> Search<'a> {
             }
             let shown = |pair: &&Pair| structure_too || pair.on_healthy.is_none_or(|ratio| ratio < STRUCTURE);
             let pairs: Vec<&Pair> = here.pairs.iter().filter(shown).collect();
-            match settle::settle(&search, &fitted, &here.sides, &pairs, &blocks)? {
+            let known = here.healthy.as_ref().and_then(|healthy| healthy.structure.as_ref());
+            match settle::settle(&search, &fitted, &here.sides, known, &pairs, &blocks)? {
                 Ok(Settled { fitted: next, term, class, p, confirmed }) => {
                     let claim = claim::claim(here.healthy.as_ref(), &term);
                     discovery.terms.push(FoundTerm { term, claim, class, p, confirmed, ci95: Vec::new() });
@@ -309,12 +354,12 @@ impl<'a> Search<'a> {
         &self,
         fitted: &Fitted,
         healthy_rows: &'a Rows<'a>,
-        blocks: &Blocks,
+        blocks: &BothBlocks,
     ) -> Result<Option<Screened<'a>>, Error> {
-        let Some(sides) = Side::both(self, fitted)? else { return Ok(None) };
         let healthy = Healthy::new(self, healthy_rows, &fitted.model)?;
-        let on_healthy = healthy.as_ref().map(|healthy| &healthy.sides);
-        let pairs = screen::pairs(&sides, on_healthy, fitted.model.effects().terms(), blocks);
+        let known = healthy.as_ref().and_then(|healthy| healthy.structure.as_ref());
+        let Some(sides) = Sides::new(self, fitted, known)? else { return Ok(None) };
+        let pairs = screen::pairs(&sides, healthy.as_ref(), fitted.model.effects().terms(), blocks);
         Ok(Some(Screened { beyond_structure: self.beyond_structure, sides, healthy, pairs }))
     }
 

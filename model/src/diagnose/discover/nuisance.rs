@@ -2,13 +2,20 @@
 //!
 //! ```text
 //! N           columns, each divided by its length on the training runs
-//! d           = (N'N + ridge)^-1 N'r                fitted on the training runs
-//! e           = r - N d                             on either side, with the same d
+//! d           = argmin |r - N d|^2 + ridge |d|^2 + penalty(d)         fitted on one side
+//! penalty     = weight (d_S - w)' Q (d_S - w)                         what the healthy runs say about the structure S
+//! Q, w        = normal matrix and best weights of S on the healthy runs, with the derivatives of the model projected off
+//! e           = r - N d                                               on either side, with the same d
 //! ```
+//!
+//! With healthy runs, the structure that the base lacks is known as far as these runs have excited it. The penalty has the form of the squared
+//! error on the healthy runs, so that a direction that they have not excited stays free. Without it, an effect that looks like structure
+//! would be projected off.
 
 use super::Search;
 use super::series::Series;
-use super::structure;
+use super::structure::{self, Levels};
+use crate::diagnose::blocks::Blocks;
 use crate::diagnose::joint::{Fitted, Joint};
 use crate::diagnose::rows::{Rows, dot, gram};
 use crate::error::Error;
@@ -16,6 +23,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Added to the unit diagonal of the normal matrix.
 const RIDGE: f64 = 1e-5;
+/// Weight of the squared error on the healthy runs, relative to that on the training runs.
+const WEIGHT_OF_HEALTHY: f64 = 4.0;
 
 /// Training or validation runs.
 pub(super) struct Side<'a> {
@@ -26,34 +35,183 @@ pub(super) struct Side<'a> {
     pub(super) columns: Vec<Vec<f64>>,
     /// N'N.
     pub(super) square: DMatrix<f64>,
-    /// N'r - N'N d.
+    /// Cholesky factor of N'N with ridge and penalty.
+    factor: Cholesky<f64, Dyn>,
+    /// d, fitted on this side.
+    pub(super) d: DVector<f64>,
+    /// r - N d with it.
+    fitted_rest_n: Vec<f64>,
+    /// N'r - N'N d with the d of the other side.
     pub(super) left: DVector<f64>,
-    /// r - N d.
+    /// r - N d with the d of the other side.
     pub(super) rest_n: Vec<f64>,
 }
 
-/// Both sides, and the factorised normal matrix of the training runs.
+/// Both sides.
 pub(super) struct Sides<'a> {
     pub(super) train: Side<'a>,
     pub(super) confirm: Side<'a>,
-    factor: Cholesky<f64, Dyn>,
-    pub(super) d: DVector<f64>,
+    penalty: Penalty,
 }
 
-impl Side<'_> {
+/// The penalty as a quadratic: d'Q d - 2 b'd + constant, over all columns.
+struct Penalty {
+    square: DMatrix<f64>,
+    along: DVector<f64>,
+    constant: f64,
+}
+
+/// Q and Q w: the knowledge of the healthy runs about the structure, for columns of unit scale.
+pub(super) struct KnownStructure {
+    square: DMatrix<f64>,
+    along: DVector<f64>,
+}
+
+/// Columns of one side, before they are scaled.
+struct Columns {
+    all: Vec<Vec<f64>>,
+    /// How many are derivatives of the model; the others are structure.
+    of_model: usize,
+}
+
+impl Columns {
+    /// The columns of `fitted` on `rows`, with the space of structures if `levels` are given.
+    fn new(search: &Search, rows: &Rows, fitted: &Fitted, levels: Option<&Levels>) -> Result<Self, Error> {
+        let (mut all, _) = Joint { rows, ..search.joint }.jacobian(fitted)?;
+        let of_model = all.len();
+        if let Some(levels) = levels {
+            all.extend(structure::columns(rows, &search.joint.scales, levels));
+        }
+        Ok(Self { all, of_model })
+    }
+
+    /// Reciprocal of the length of each column; 0 for a column without length.
+    fn scales(&self) -> Vec<f64> {
+        let reciprocal = |length: f64| if length > 0.0 { length.recip() } else { 0.0 };
+        self.all.iter().map(|column| reciprocal(dot(column, column).sqrt())).collect()
+    }
+
+    fn scale(&mut self, by: &[f64]) {
+        for (column, by) in self.all.iter_mut().zip(by) {
+            column.iter_mut().for_each(|value| *value *= by);
+        }
+    }
+}
+
+impl KnownStructure {
+    /// The structure on the healthy runs of `side`, whose columns have these `scales`; the first `of_model` are derivatives. `None` without
+    /// columns of structure.
+    fn new(side: &Side, scales: &[f64], of_model: usize) -> Option<Self> {
+        let of_structure = scales.len() - of_model;
+        let along = onto(&side.columns, &side.residual_n);
+        let part = |row, column, rows, columns| side.square.view((row, column), (rows, columns)).into_owned();
+        let of_base = part(0, 0, of_model, of_model) + DMatrix::identity(of_model, of_model) * RIDGE;
+        let crossed = part(0, of_model, of_model, of_structure);
+        let solved = Cholesky::new(of_base)?.solve(&crossed);
+        let mut square = part(of_model, of_model, of_structure, of_structure) - crossed.transpose() * &solved;
+        let mut right = along.rows(of_model, of_structure) - solved.transpose() * along.rows(0, of_model);
+        let unit = |index: usize| match scales[of_model + index] {
+            scale if scale > 0.0 => scale.recip(),
+            _ => 0.0,
+        };
+        for a in 0..of_structure {
+            right[a] *= unit(a);
+            for b in 0..of_structure {
+                square[(a, b)] *= unit(a) * unit(b);
+            }
+        }
+        (of_structure > 0).then_some(Self { square, along: right })
+    }
+}
+
+impl Penalty {
+    /// No penalty but the ridge, or with what is known about the structure, which is at the end of the columns of these `scales`.
+    fn new(scales: &[f64], known: Option<&KnownStructure>) -> Self {
+        let n = scales.len();
+        let mut penalty =
+            Self { square: DMatrix::identity(n, n) * RIDGE, along: DVector::zeros(n), constant: 0.0 };
+        let Some(known) = known else { return penalty };
+        let first = n - known.along.len();
+        let scale = |index: usize| scales[first + index];
+        for a in 0..known.along.len() {
+            penalty.along[first + a] = WEIGHT_OF_HEALTHY * scale(a) * known.along[a];
+            for b in 0..known.along.len() {
+                penalty.square[(first + a, first + b)] +=
+                    WEIGHT_OF_HEALTHY * scale(a) * scale(b) * known.square[(a, b)];
+            }
+        }
+        // The least value of the quadratic is the error that the healthy runs keep; the constant makes it zero.
+        if let Some(factor) = Cholesky::new(penalty.square.clone()) {
+            penalty.constant = penalty.along.dot(&factor.solve(&penalty.along));
+        }
+        penalty
+    }
+
+    fn value(&self, d: &DVector<f64>) -> f64 {
+        d.dot(&(&self.square * d)) - 2.0 * self.along.dot(d) + self.constant
+    }
+}
+
+/// N'x.
+fn onto(columns: &[Vec<f64>], series: &[f64]) -> DVector<f64> {
+    DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, series)))
+}
+
+impl<'a> Side<'a> {
+    /// A side; `None` if its normal matrix cannot be factorised.
+    fn new(rows: &'a Rows<'a>, columns: Columns, fitted: &Fitted, penalty: &Penalty) -> Option<Self> {
+        let columns = columns.all;
+        let square = gram(&columns);
+        let factor = Cholesky::new(&square + &penalty.square)?;
+        let d = factor.solve(&(onto(&columns, &fitted.residual_n) + &penalty.along));
+        let mut side = Self {
+            rows,
+            series: Series::new(&fitted.model, rows, &fitted.predicted_n),
+            residual_n: fitted.residual_n.clone(),
+            left: DVector::zeros(columns.len()),
+            rest_n: Vec::new(),
+            square,
+            columns,
+            factor,
+            d,
+            fitted_rest_n: Vec::new(),
+        };
+        side.fitted_rest_n = side.without(side.residual_n.clone(), &side.d);
+        Some(side)
+    }
+
+    /// The healthy runs, with the space of structures if the search has it, and what they say about the structure. `None` if the normal
+    /// matrix cannot be factorised.
+    pub(super) fn healthy(
+        search: &Search,
+        rows: &'a Rows<'a>,
+        fitted: &Fitted,
+    ) -> Result<Option<(Self, Option<KnownStructure>)>, Error> {
+        let levels = search.beyond_structure.then(|| structure::levels(search.train));
+        let mut columns = Columns::new(search, rows, fitted, levels.as_ref())?;
+        let (of_model, scales) = (columns.of_model, columns.scales());
+        columns.scale(&scales);
+        let side = Self::new(rows, columns, fitted, &Penalty::new(&scales, None));
+        Ok(side.map(|side| {
+            let known = KnownStructure::new(&side, &scales, of_model);
+            (side, known)
+        }))
+    }
+
+    /// Takes the weights `d` of the other side.
+    fn held_out(&mut self, d: &DVector<f64>) {
+        self.left = onto(&self.columns, &self.residual_n) - &self.square * d;
+        self.rest_n = self.without(self.residual_n.clone(), d);
+    }
+
     /// Squared error without the nuisance space, N².
     pub(super) fn raw_squares(&self) -> f64 {
         dot(&self.residual_n, &self.residual_n)
     }
 
-    /// Squared error with it, N².
+    /// Squared error with it, fitted on the other side, N².
     pub(super) fn squares(&self) -> f64 {
         dot(&self.rest_n, &self.rest_n)
-    }
-
-    /// N'x.
-    pub(super) fn onto(&self, series: &[f64]) -> DVector<f64> {
-        DVector::from_iterator(self.columns.len(), self.columns.iter().map(|column| dot(column, series)))
     }
 
     /// x - N w.
@@ -64,59 +222,73 @@ impl Side<'_> {
         series
     }
 
-    /// Both sides of a search for `fitted`; `None` if it cannot be simulated on the validation runs.
-    pub(super) fn both<'b>(search: &Search<'b>, fitted: &Fitted) -> Result<Option<Sides<'b>>, Error> {
-        let Some(confirmed) = Fitted::as_is(fitted.model, search.confirm) else { return Ok(None) };
-        let levels = structure::levels(search.train);
-        let columns = |rows: &'b Rows<'b>, fitted: &Fitted| -> Result<Vec<Vec<f64>>, Error> {
-            let (mut all, _) = Joint { rows, ..search.joint }.jacobian(fitted)?;
-            if search.beyond_structure {
-                all.extend(structure::columns(rows, &search.joint.scales, &levels));
-            }
-            Ok(all)
-        };
-        let mut train = columns(search.train, fitted)?;
-        let mut confirm = columns(search.confirm, &confirmed)?;
-        for (own, other) in train.iter_mut().zip(&mut confirm) {
-            let length = dot(own, own).sqrt();
-            let scale = if length > 0.0 { length.recip() } else { 0.0 };
-            own.iter_mut().chain(other).for_each(|value| *value *= scale);
-        }
-        let square = gram(&train);
-        let Some(factor) = Cholesky::new(&square + DMatrix::identity(train.len(), train.len()) * RIDGE)
-        else {
-            return Ok(None);
-        };
-        let side = |rows: &'b Rows<'b>, columns: Vec<Vec<f64>>, square: DMatrix<f64>, fitted: &Fitted| Side {
-            rows,
-            series: Series::new(&fitted.model, rows, &fitted.predicted_n),
-            residual_n: fitted.residual_n.clone(),
-            left: DVector::zeros(columns.len()),
-            rest_n: Vec::new(),
-            square,
-            columns,
-        };
-        let confirm_square = gram(&confirm);
-        let mut train = side(search.train, train, square, fitted);
-        let mut confirm = side(search.confirm, confirm, confirm_square, &confirmed);
-        let d = factor.solve(&train.onto(&train.residual_n));
-        for side in [&mut train, &mut confirm] {
-            side.left = side.onto(&side.residual_n) - &side.square * &d;
-            side.rest_n = side.without(side.residual_n.clone(), &d);
-        }
-        Ok(Some(Sides { train, confirm, factor, d }))
-    }
-}
-
-impl Sides<'_> {
-    /// (N'N + ridge)^-1 X on the training runs.
+    /// (N'N + ridge + penalty)^-1 X.
     pub(super) fn solve(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         self.factor.solve(columns)
     }
 
-    /// A series on the training runs, with the nuisance space projected off; and the weights of the nuisance columns in it.
-    pub(super) fn project(&self, series: Vec<f64>) -> (Vec<f64>, DVector<f64>) {
-        let weights = self.factor.solve(&self.train.onto(&series));
-        (self.train.without(series, &weights), weights)
+    /// Weights with which the nuisance columns follow a change of the force by `series`.
+    pub(super) fn weights(&self, series: &[f64]) -> DVector<f64> {
+        self.factor.solve(&onto(&self.columns, series))
+    }
+
+    /// Drop of the squared error on each block when `amount` of `series` is in the model, and the nuisance columns follow with `weights` per amount,
+    /// all fitted on the other side, N².
+    pub(super) fn gains(
+        &self,
+        series: Vec<f64>,
+        amount: f64,
+        weights: &DVector<f64>,
+        blocks: &Blocks,
+    ) -> Vec<f64> {
+        let column = self.without(series, weights);
+        let after: Vec<f64> =
+            self.rest_n.iter().zip(&column).map(|(e, column)| e - amount * column).collect();
+        blocks.gains(&self.rest_n, &after)
+    }
+
+    /// The rest of a change of the force by `series` when the nuisance columns follow it.
+    pub(super) fn project(&self, series: Vec<f64>) -> Vec<f64> {
+        let weights = self.weights(&series);
+        self.without(series, &weights)
+    }
+
+    /// The rest of the residual, with the nuisance columns fitted here.
+    pub(super) fn fitted_rest_n(&self) -> &[f64] {
+        &self.fitted_rest_n
+    }
+}
+
+impl<'a> Sides<'a> {
+    /// Both sides of a search for `fitted`, with what the healthy runs say about the structure. `None` if the model cannot be simulated on the
+    /// validation runs.
+    pub(super) fn new(
+        search: &Search<'a>,
+        fitted: &Fitted,
+        known: Option<&KnownStructure>,
+    ) -> Result<Option<Self>, Error> {
+        let Some(confirmed) = Fitted::as_is(fitted.model, search.confirm) else { return Ok(None) };
+        let levels = search.beyond_structure.then(|| structure::levels(search.train));
+        let mut train = Columns::new(search, search.train, fitted, levels.as_ref())?;
+        let mut confirm = Columns::new(search, search.confirm, &confirmed, levels.as_ref())?;
+        let scales = train.scales();
+        train.scale(&scales);
+        confirm.scale(&scales);
+        let penalty = Penalty::new(&scales, known.filter(|_| levels.is_some()));
+        let train = Side::new(search.train, train, fitted, &penalty);
+        let confirm = Side::new(search.confirm, confirm, &confirmed, &penalty);
+        let (Some(mut train), Some(mut confirm)) = (train, confirm) else { return Ok(None) };
+        confirm.held_out(&train.d);
+        train.held_out(&confirm.d);
+        Ok(Some(Self { train, confirm, penalty }))
+    }
+
+    /// Best weights of the nuisance columns in `residual_n` on the training runs, and the least squared error with the penalty, N².
+    pub(super) fn fit(&self, residual_n: &[f64]) -> (DVector<f64>, f64) {
+        let train = &self.train;
+        let weights = train.factor.solve(&(onto(&train.columns, residual_n) + &self.penalty.along));
+        let rest_n = train.without(residual_n.to_vec(), &weights);
+        let cost = dot(&rest_n, &rest_n) + self.penalty.value(&weights);
+        (weights, cost)
     }
 }

@@ -2,19 +2,24 @@
 //!
 //! ```text
 //! M     = m hats(q)               48 hat functions of the argument, each run's mean removed
-//! C     = (N'N + ridge)^-1 N'M    on the training runs
-//! A     = (M - N C)'(M - N C),    b = (M - N C)'(r - N d)              on either side, with the same C and d
+//! C     = K^-1 N'M                on the side where it is fitted; K = N'N + ridge + penalty
+//! A     = M'M - M'N C,            b = M'(r - N d)                      where it is fitted
+//! A     = (M - N C)'(M - N C),    b = (M - N C)'(r - N d)              on the other side, with the same C and d
 //! G     = g(knots)                a closed form on the knots
-//! c     = G'b / G'A G             on the training runs
-//! gain  = 2 c G'b - c^2 G'A G     on the validation runs
+//! c     = G'b / G'A G             where it is fitted
+//! gain  = 2 c G'b - c^2 G'A G     on the other side
 //! ```
 //!
-//! A form then costs a few microseconds, so each is tried with a grid of its parameters.
+//! A form then costs a few microseconds, so each is tried with a grid of its parameters. Forms and pairs are compared by the gain on the
+//! validation runs of what was fitted on the training runs. The test of significance also has the gain of the reverse (cross-fitting):
+//! amount and nuisance fitted on the validation runs, the gain on the blocks of the training runs.
 
+use super::BothBlocks;
+use super::claim::Healthy;
 use super::nuisance::{Side, Sides};
+use super::resonance;
 use super::structure::place;
 use crate::diagnose::blocks::Blocks;
-use crate::diagnose::rows::dot;
 use crate::effect::term::{Argument, Form, MAX_FORM_PARAMETERS, Modulator, Term, Terms};
 use crate::error::Error;
 use nalgebra::{DMatrix, DVector};
@@ -22,10 +27,14 @@ use rayon::prelude::*;
 
 /// Number of hat functions.
 const KNOTS: usize = 48;
+/// The argument of the form that is the same for all arguments: it is in every run, and its range does not end with the run.
+const OF_CONSTANT: Argument = Argument::Displacement;
+/// Share of the best score within which the form with the fewest numbers is taken.
+const ALIKE: f64 = 0.02;
 /// Share of the gain that each number of a term costs when terms are compared.
-const COST_OF_NUMBER: f64 = 0.008;
+pub(super) const COST_OF_NUMBER: f64 = 0.008;
 /// Share of a curve that must remain after projection; below it the nuisance space can take its place.
-const LEAST_IDENTIFIABLE: f64 = 1e-3;
+pub(super) const LEAST_IDENTIFIABLE: f64 = 1e-3;
 
 /// The best closed form of a pair.
 #[derive(Debug, Clone)]
@@ -40,7 +49,7 @@ pub(super) struct Pair {
     pub(super) train_gain: f64,
     /// Drop of the squared error on the validation runs, N²; less for a term with more numbers.
     pub(super) score: f64,
-    /// Drop of the squared error on each block of the validation runs, N².
+    /// Drop of the squared error on each block of both sides, of what was fitted on the other one, N².
     pub(super) gains: Vec<f64>,
     /// Size of the amount on the healthy runs as a share of the amount; `None` without healthy runs.
     pub(super) on_healthy: Option<f64>,
@@ -55,7 +64,12 @@ impl Pair {
 
 /// The best form of each pair that these runs can test and that `taken` does not have, the best pair first. `healthy` are the healthy runs, as
 /// training runs.
-pub(super) fn pairs(sides: &Sides, healthy: Option<&Sides>, taken: &Terms, blocks: &Blocks) -> Vec<Pair> {
+pub(super) fn pairs(
+    sides: &Sides,
+    healthy: Option<&Healthy>,
+    taken: &Terms,
+    blocks: &BothBlocks,
+) -> Vec<Pair> {
     let all: Vec<(Modulator, Argument)> = Modulator::ALL
         .into_iter()
         .flat_map(|modulator| Argument::ALL.map(|argument| (modulator, argument)))
@@ -65,6 +79,8 @@ pub(super) fn pairs(sides: &Sides, healthy: Option<&Sides>, taken: &Terms, block
     let one =
         |(modulator, argument): (Modulator, Argument)| pair(sides, healthy, modulator, argument, blocks);
     let mut found: Vec<Pair> = all.into_par_iter().filter_map(one).collect();
+    let is_new = |pair: &Pair| taken.iter().all(|term| !repeats((pair.modulator, pair.argument), term));
+    found.extend(resonance::pairs(sides, healthy, blocks).filter(is_new));
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     found
 }
@@ -188,8 +204,18 @@ impl Hats {
 }
 
 impl Moments {
-    /// A and b with the nuisance weights `c` of the hat functions and `d` of the residual.
-    fn sums(&self, side: &Side, c: &DMatrix<f64>, d: &DVector<f64>) -> Sums {
+    /// K^-1 N'M.
+    fn nuisance_weights(&self, side: &Side) -> DMatrix<f64> {
+        side.solve(&self.nuisance.transpose())
+    }
+
+    /// A and b on the side where the nuisance weights `c` and the side's own were fitted.
+    fn fitted(&self, side: &Side, c: &DMatrix<f64>) -> Sums {
+        Sums { a: &self.own - &self.nuisance * c, b: &self.residual - &self.nuisance * &side.d }
+    }
+
+    /// A and b on the other side, with the nuisance weights `c` of the hat functions and `d` of the residual.
+    fn held_out(&self, side: &Side, c: &DMatrix<f64>, d: &DVector<f64>) -> Sums {
         let crossed = &self.nuisance * c;
         let a = &self.own - &crossed - crossed.transpose() + c.transpose() * (&side.square * c);
         let b = &self.residual - &self.nuisance * d - c.transpose() * &side.left;
@@ -199,10 +225,10 @@ impl Moments {
 
 fn pair(
     sides: &Sides,
-    healthy: Option<&Sides>,
+    healthy: Option<&Healthy>,
     modulator: Modulator,
     argument: Argument,
-    blocks: &Blocks,
+    blocks: &BothBlocks,
 ) -> Option<Pair> {
     let knots = knots(argument, sides.train.series.argument(argument)?)?;
     let [on_train, on_confirm] =
@@ -210,29 +236,30 @@ fn pair(
     let (on_train, on_confirm) = (on_train?, on_confirm?);
     let [train, confirm] =
         [(&on_train, &sides.train), (&on_confirm, &sides.confirm)].map(|(hats, side)| hats.moments(side));
-    let c = sides.solve(&train.nuisance.transpose());
+    let c = train.nuisance_weights(&sides.train);
     let fit = Fit {
+        argument,
         whole: &train.own,
-        train: train.sums(&sides.train, &c, &sides.d),
-        confirm: confirm.sums(&sides.confirm, &c, &sides.d),
+        train: train.fitted(&sides.train, &c),
+        confirm: confirm.held_out(&sides.confirm, &c, &sides.train.d),
         knots: &knots,
     };
     let best = fit.best()?;
     let at_knots =
         DVector::from_iterator(knots.len(), knots.iter().map(|q| best.form.value(best.parameters, *q)));
-    let column = sides.confirm.without(on_confirm.series(&sides.confirm, &at_knots), &(&c * &at_knots));
-    let rest_n = &sides.confirm.rest_n;
-    let after: Vec<f64> = rest_n.iter().zip(&column).map(|(e, column)| e - best.amount * column).collect();
-    let (before, after) = (blocks.sums(rest_n, rest_n), blocks.sums(&after, &after));
+    let gains = |side: &Side, hats: &Hats, c: &DMatrix<f64>, amount: f64, blocks: &Blocks| {
+        side.gains(hats.series(side, &at_knots), amount, &(c * &at_knots), blocks)
+    };
+    let mut all_gains = gains(&sides.confirm, &on_confirm, &c, best.amount, &blocks.confirm);
+    let c = confirm.nuisance_weights(&sides.confirm);
+    let reverse = confirm.fitted(&sides.confirm, &c);
+    let power = at_knots.dot(&(&reverse.a * &at_knots));
+    let identifiable = power > LEAST_IDENTIFIABLE * at_knots.dot(&(&confirm.own * &at_knots));
+    let amount = if identifiable { at_knots.dot(&reverse.b) / power } else { 0.0 };
+    all_gains.extend(gains(&sides.train, &on_train, &c, amount, &blocks.train));
     let on_healthy = healthy.and_then(|healthy| {
-        let hats = Hats::new(&healthy.train, modulator, argument, &knots)?;
-        let (column, _) = healthy.project(hats.series(&healthy.train, &at_knots));
-        let power = dot(&column, &column);
-        Some(if power > 0.0 {
-            (dot(&column, &healthy.train.rest_n) / (power * best.amount)).abs()
-        } else {
-            0.0
-        })
+        let hats = Hats::new(&healthy.side, modulator, argument, &knots)?;
+        Some((healthy.share(hats.series(&healthy.side, &at_knots)) / best.amount).abs())
     });
     Some(Pair {
         modulator,
@@ -243,13 +270,14 @@ fn pair(
         range: [knots[0], knots[knots.len() - 1]],
         train_gain: best.train_gain,
         score: best.score,
-        gains: before.iter().zip(&after).map(|(before, after)| before - after).collect(),
+        gains: all_gains,
         on_healthy,
     })
 }
 
 /// The closed forms of one pair.
 struct Fit<'a> {
+    argument: Argument,
     whole: &'a DMatrix<f64>,
     train: Sums,
     confirm: Sums,
@@ -266,12 +294,18 @@ struct Curve {
 }
 
 impl Fit<'_> {
-    /// The form with the best score.
+    /// The form with the best score; among forms that are alike, the one with the fewest numbers.
     fn best(&self) -> Option<Curve> {
-        let all = Form::ALL.into_iter().flat_map(|form| {
-            self.grid(form).into_iter().filter_map(move |parameters| self.curve(form, parameters))
-        });
-        all.max_by(|a, b| a.score.total_cmp(&b.score))
+        let of_form = |form: Form| {
+            let curves = self.grid(form).into_iter().filter_map(|parameters| self.curve(form, parameters));
+            curves.max_by(|a, b| a.score.total_cmp(&b.score))
+        };
+        let mut all: Vec<Curve> = Form::ALL.into_iter().filter_map(of_form).collect();
+        let best = all.iter().map(|curve| curve.score).max_by(f64::total_cmp)?;
+        all.retain(|curve| curve.score >= best - ALIKE * best.abs());
+        let fewest = all.iter().map(|curve| curve.form.parameters().len()).min()?;
+        all.retain(|curve| curve.form.parameters().len() == fewest);
+        all.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
     }
 
     fn curve(&self, form: Form, parameters: [f64; MAX_FORM_PARAMETERS]) -> Option<Curve> {
@@ -308,6 +342,9 @@ impl Fit<'_> {
             both.collect()
         };
         match form {
+            // It is not a curve: see the screen of resonances.
+            Form::Resonance => Vec::new(),
+            Form::Constant if self.argument != OF_CONSTANT => Vec::new(),
             Form::Constant | Form::Linear | Form::Quadratic => vec![[0.0; MAX_FORM_PARAMETERS]],
             Form::HingeAbove | Form::HingeBelow => single(places(40).collect()),
             Form::Decay | Form::Growth | Form::Tanh => {

@@ -5,7 +5,7 @@
 
 use crate::condition::{ApplyTo, Conditioning, LowPassState};
 use crate::diagnose::rows::{Rows, RunRows};
-use crate::effect::term::{Argument, Form, Modulator, Signals, Term};
+use crate::effect::term::{Argument, Form, Modulator, Resonator, Signals, Term, warped};
 use crate::effect::{Augmented, AugmentedState};
 use crate::force::Inputs;
 
@@ -15,19 +15,30 @@ const SHARE_OF_RANGE: f64 = 1e-3;
 /// Number of modulators and arguments.
 const SIGNALS: usize = Modulator::ALL.len() + Argument::ALL.len();
 
+/// Arguments of which resonances are searched.
+pub(super) const RESONANT: [Argument; 2] = [Argument::Displacement, Argument::Force];
+
 /// Series over rows; `None` for one that is not known on all of them.
 pub(super) struct Series {
     modulators: Vec<Option<Vec<f64>>>,
     arguments: Vec<Option<Vec<f64>>>,
+    /// For each run all samples, because a filter needs them.
+    samples: Vec<Vec<Sample>>,
+}
+
+/// One sample of a run, selected or not.
+struct Sample {
+    step_s: f64,
+    /// The values of [`RESONANT`].
+    values: [f64; RESONANT.len()],
+    is_row: bool,
 }
 
 impl Series {
     /// The series of `model` on `rows`.
     pub(super) fn new(model: &Augmented, rows: &Rows, predicted_n: &[f64]) -> Self {
         let mut series: Vec<Vec<f64>> = vec![Vec::new(); SIGNALS];
-        for run in rows.runs() {
-            of_run(model, run, &mut series);
-        }
+        let samples = rows.runs().iter().map(|run| of_run(model, run, &mut series)).collect();
         let known = |series: Vec<f64>| {
             (series.len() == rows.len() && series.iter().all(|value| value.is_finite())).then_some(series)
         };
@@ -40,7 +51,34 @@ impl Series {
                 own
             })
         });
-        Self { modulators: modulators.to_vec(), arguments: series.map(known).collect() }
+        Self { modulators: modulators.to_vec(), arguments: series.map(known).collect(), samples }
+    }
+
+    /// One of [`RESONANT`] behind a resonance, each run's mean removed; `None` if it is not finite.
+    pub(super) fn resonance(
+        &self,
+        rows: &Rows,
+        argument: Argument,
+        [frequency_hz, damping]: [f64; 2],
+    ) -> Option<Vec<f64>> {
+        let which = RESONANT.iter().position(|other| *other == argument)?;
+        let mut found = Vec::with_capacity(rows.len());
+        for run in &self.samples {
+            let mut filter = Resonator::default();
+            let (mut step_s, mut t) = (0.0, 0.0);
+            for sample in run {
+                if sample.step_s != step_s {
+                    // The rate is usually constant.
+                    (step_s, t) = (sample.step_s, warped(frequency_hz, sample.step_s));
+                }
+                let value = filter.step(t, damping, sample.values[which]);
+                if sample.is_row {
+                    found.push(value);
+                }
+            }
+        }
+        rows.centre(&mut found);
+        found.iter().all(|value| value.is_finite()).then_some(found)
     }
 
     /// The series of a modulator.
@@ -56,12 +94,14 @@ impl Series {
     }
 }
 
-/// Appends the signals of `model` at the selected rows of `run`: the modulators, then the arguments.
-fn of_run(model: &Augmented, run: &RunRows, found: &mut [Vec<f64>]) {
+/// Appends the signals of `model` at the selected rows of `run`: the modulators, then the arguments. Returns all samples of [`RESONANT`].
+fn of_run(model: &Augmented, run: &RunRows, found: &mut [Vec<f64>]) -> Vec<Sample> {
     let effects = model.effects().of_damper();
     let (mut signals, mut state) = (Signals::default(), AugmentedState::default());
     let mut filters = Filters::new(&run.dataset.conditioning, SIGNALS);
     let mut wanted = run.indices.iter().peekable();
+    let at = RESONANT.map(|own| Argument::ALL.iter().position(|other| *other == own));
+    let mut samples = Vec::with_capacity(run.dataset.rows.len());
     for (index, row) in run.dataset.rows.iter().enumerate() {
         let inputs = row.inputs();
         if row.dt_s.is_none() {
@@ -75,10 +115,14 @@ fn of_run(model: &Augmented, run: &RunRows, found: &mut [Vec<f64>]) {
         let modulators = Modulator::ALL.iter().map(|modulator| modulator.value(&signals, &inputs));
         let arguments = Argument::ALL.iter().map(|argument| argument.value(&signals, &inputs));
         let values = filters.step(row.dt_s, modulators.chain(arguments));
-        if wanted.next_if(|next| **next == index).is_some() {
+        let is_row = wanted.next_if(|next| **next == index).is_some();
+        if is_row {
             found.iter_mut().zip(values).for_each(|(series, value)| series.push(*value));
         }
+        let resonant = at.map(|at| at.map_or(f64::NAN, |at| values[Modulator::ALL.len() + at]));
+        samples.push(Sample { step_s: signals.step_s(), values: resonant, is_row });
     }
+    samples
 }
 
 /// The filter of the model's output for several signals, or no filter if the conditioning filters the inputs.

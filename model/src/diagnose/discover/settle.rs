@@ -5,19 +5,18 @@
 //! base, effects and terms together. The validation runs choose among them: within [`ALIKE`] of the least squared error the simplest wins,
 //! and the others are its class.
 
-use super::nuisance::{Side, Sides};
+use super::nuisance::{KnownStructure, Sides};
 use super::screen::Pair;
-use super::{RefusedTerm, Search, TermRefusal, with_term};
-use crate::diagnose::blocks::Blocks;
+use super::{BothBlocks, RefusedTerm, Search, TermRefusal, with_term};
 use crate::diagnose::derivatives::columns;
 use crate::diagnose::joint::{Fitted, Joint, Nearby};
-use crate::diagnose::rows::{dot, gram};
+use crate::diagnose::rows::dot;
 use crate::diagnose::space::{Space, bounds_of_term};
 use crate::effect::Augmented;
-use crate::effect::term::{Argument, Modulator, Term};
+use crate::effect::term::{Argument, Form, Modulator, Term};
 use crate::error::Error;
 use crate::identify::least_squares::{Normal, Problem, Stop, minimise};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -41,7 +40,7 @@ const LEAST_RAW_SHARE: f64 = 0.02;
 const ALIKE: f64 = 0.03;
 /// Flips of signs.
 const FLIPS: u32 = 4_000;
-/// Least number of blocks: with fewer, no p is below [`SIGNIFICANT`].
+/// Least number of blocks of both sides: with fewer, no p is below [`SIGNIFICANT`].
 const LEAST_BLOCKS: usize = 7;
 
 /// An accepted term.
@@ -62,7 +61,7 @@ struct Refitted {
     raw_squares: f64,
     /// The same with the nuisance space projected off, N².
     squares: f64,
-    /// Drop of it on each block.
+    /// Drop of it on each block of both sides, of what was fitted on the other one.
     gains: Vec<f64>,
 }
 
@@ -71,22 +70,27 @@ pub(super) fn settle(
     search: &Search,
     current: &Fitted,
     sides: &Sides,
+    known: Option<&KnownStructure>,
     pairs: &[&Pair],
-    blocks: &Blocks,
+    blocks: &BothBlocks,
 ) -> Result<Result<Settled, Option<RefusedTerm>>, Error> {
     let mut chosen: Vec<&Pair> = pairs.iter().copied().take(BY_SCORE).collect();
     let mut by_training: Vec<&Pair> = pairs.iter().copied().skip(BY_SCORE).collect();
     by_training.sort_by(|a, b| b.train_gain.total_cmp(&a.train_gain));
+    // The grid of resonances is coarse, so a sharp one has much of its gain only after the refit.
+    let is_resonance = |pair: &&Pair| pair.form == Form::Resonance && pair.score > 0.0;
+    chosen.extend(by_training.iter().skip(BY_TRAINING).filter(|pair| is_resonance(pair)));
     chosen.extend(by_training.into_iter().take(BY_TRAINING));
-    let alone = |pair: &&Pair| alone(search, sides, &current.model, pair, blocks);
-    let alone: Vec<Option<Refitted>> = chosen.par_iter().map(alone).collect::<Result<_, Error>>()?;
-    let mut refits: Vec<Refitted> = alone.into_iter().flatten().collect();
+    let alone = |pair: &&Pair| alone(search, sides, &current.model, pair);
+    let alone: Vec<Option<Alone>> = chosen.par_iter().map(alone).collect::<Result<_, Error>>()?;
+    let mut refits: Vec<Alone> = alone.into_iter().flatten().collect();
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
     // The base was fitted while the effect was there, which has bent it, so the rivals of the best are fitted with it.
     let least = refits.first().map_or(0.0, |best| best.squares);
     refits.truncate(refits.partition_point(|one| one.squares <= RIVAL * least).min(MOST_RIVALS));
-    let refits = refits.into_par_iter().map(|one| jointly(search, sides, one, blocks));
-    let mut refits: Vec<Refitted> = refits.collect::<Result<_, Error>>()?;
+    let refits = refits.into_par_iter().map(|one| jointly(search, sides, known, one, blocks));
+    let refits: Vec<Option<Refitted>> = refits.collect::<Result<_, Error>>()?;
+    let mut refits: Vec<Refitted> = refits.into_iter().flatten().collect();
     // The nuisance space is not in the model: without it the term must help too.
     refits.retain(|one| one.raw_squares < (1.0 - LEAST_RAW_SHARE) * sides.confirm.raw_squares());
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
@@ -122,42 +126,46 @@ pub(super) fn settle(
     Ok(Ok(Settled { fitted: best.fitted, term: best.term, class, p, confirmed: share }))
 }
 
+/// A term with its own numbers refitted.
+struct Alone {
+    fitted: Fitted,
+    /// Squared error on the validation runs with the nuisance space projected off, N².
+    squares: f64,
+}
+
 /// The term of `pair` with its numbers refitted, everything else as it is; `None` if it cannot be simulated.
-fn alone(
-    search: &Search,
-    sides: &Sides,
-    model: &Augmented,
-    pair: &Pair,
-    blocks: &Blocks,
-) -> Result<Option<Refitted>, Error> {
+fn alone(search: &Search, sides: &Sides, model: &Augmented, pair: &Pair) -> Result<Option<Alone>, Error> {
     let Some(fitted) = refit_term(search, sides, model, pair.term()?)? else { return Ok(None) };
     let Some(confirmed) = Fitted::as_is(fitted.model, search.confirm) else { return Ok(None) };
-    let (_, weights) = sides.project(fitted.residual_n.clone());
+    let (weights, _) = sides.fit(&fitted.residual_n);
     let rest_n = sides.confirm.without(confirmed.residual_n, &weights);
-    Ok(refitted(sides, fitted, confirmed.squares, &rest_n, blocks))
+    Ok(Some(Alone { fitted, squares: dot(&rest_n, &rest_n) }))
 }
 
-/// `one` with base, effects and terms fitted together, if that fits the validation runs better.
-fn jointly(search: &Search, sides: &Sides, one: Refitted, blocks: &Blocks) -> Result<Refitted, Error> {
-    let Some(fitted) = search.joint.refit(&one.fitted.model, JOINTLY)? else { return Ok(one) };
-    let Some(after) = Side::both(search, &fitted)? else { return Ok(one) };
-    let found = refitted(sides, fitted, after.confirm.raw_squares(), &after.confirm.rest_n, blocks);
-    Ok(found.filter(|found| found.squares < one.squares).unwrap_or(one))
-}
-
-/// A model with a term, with its squared error on the validation runs, and the error that is left with the nuisance space projected off.
-fn refitted(
+/// `one` with base, effects and terms fitted together, if that fits the validation runs better. `None` if it cannot be simulated.
+fn jointly(
+    search: &Search,
     sides: &Sides,
-    fitted: Fitted,
-    raw_squares: f64,
-    rest_n: &[f64],
-    blocks: &Blocks,
-) -> Option<Refitted> {
-    let term = fitted.model.effects().terms().iter().last().copied()?;
-    let sums = |rest_n: &[f64]| blocks.sums(rest_n, rest_n);
-    let (were, are) = (sums(&sides.confirm.rest_n), sums(rest_n));
-    let gains = were.iter().zip(&are).map(|(were, are)| were - are).collect();
-    Some(Refitted { fitted, term, raw_squares, squares: dot(rest_n, rest_n), gains })
+    known: Option<&KnownStructure>,
+    one: Alone,
+    blocks: &BothBlocks,
+) -> Result<Option<Refitted>, Error> {
+    let refitted = |fitted: Fitted| -> Result<Option<Refitted>, Error> {
+        let Some(after) = Sides::new(search, &fitted, known)? else { return Ok(None) };
+        let Some(term) = fitted.model.effects().terms().iter().last().copied() else { return Ok(None) };
+        let mut gains = blocks.confirm.gains(&sides.confirm.rest_n, &after.confirm.rest_n);
+        gains.extend(blocks.train.gains(&sides.train.rest_n, &after.train.rest_n));
+        let (raw_squares, squares) = (after.confirm.raw_squares(), after.confirm.squares());
+        Ok(Some(Refitted { fitted, term, raw_squares, squares, gains }))
+    };
+    let together = match search.joint.refit(&one.fitted.model, JOINTLY)? {
+        Some(fitted) => refitted(fitted)?.filter(|found| found.squares < one.squares),
+        None => None,
+    };
+    match together {
+        Some(found) => Ok(Some(found)),
+        None => refitted(one.fitted),
+    }
 }
 
 /// `model` with `start`, its numbers refitted with everything else as it is and the nuisance space projected off.
@@ -211,11 +219,14 @@ impl Problem for OfTerm<'_> {
         let (Some(fitted), Some(columns)) = (fitted, columns) else {
             return Some(Normal::impossible(n));
         };
-        let (rest_n, _) = self.sides.project(fitted.residual_n);
-        let columns: Vec<Vec<f64>> = columns.into_iter().map(|column| self.sides.project(column).0).collect();
+        let train = &self.sides.train;
+        let (weights, cost) = self.sides.fit(&fitted.residual_n);
+        let rest_n = train.without(fitted.residual_n, &weights);
+        let projected: Vec<Vec<f64>> = columns.iter().map(|column| train.project(column.clone())).collect();
         Some(Normal {
-            cost: dot(&rest_n, &rest_n),
-            square: gram(&columns),
+            cost,
+            square: DMatrix::from_fn(n, n, |a, b| dot(&columns[a], &projected[b])),
+            // The nuisance weights are the best ones, so they do not add to the gradient.
             gradient: DVector::from_iterator(n, columns.iter().map(|column| -dot(column, &rest_n))),
         })
     }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! S = w_j(i) times { hat functions of v,  bristles z of five lengths,  x }          j: five levels of the drive
-//!     u_k(i) times { tanh(4 v / v_max),  z of the middle length }                   k: 21 levels
+//!     u_k(i) times { tanh(4 v / v_max),  v,  z of the middle length }               k: 21 levels
 //! L dz/dt = v - |v| z         z <- s + (z - s) exp(-|v| dt / L),   s = sign v
 //! ```
 //!
@@ -27,7 +27,7 @@ const FINE_LEVELS: usize = 21;
 const STEEP: f64 = 4.0;
 /// Columns of one level, coarse and fine.
 const OF_LEVEL: usize = VELOCITIES.len() + LENGTHS.len() + 1;
-const OF_FINE_LEVEL: usize = 2;
+const OF_FINE_LEVEL: usize = 3;
 
 /// The levels of the drive: even over its range; one without a drive that changes.
 pub(super) struct Levels {
@@ -79,7 +79,7 @@ fn of_run(run: &RunRows, scales: &Scales, levels: &Levels, columns: &mut [Vec<f6
         let weights = hats(&levels.coarse, row.drive);
         let fine_weights = if levels.fine.is_empty() { Vec::new() } else { hats(&levels.fine, row.drive) };
         let relative = v / scales.velocity_m_s;
-        let fine = [(STEEP * relative).tanh(), bristles[LENGTHS.len() / 2]];
+        let fine = [(STEEP * relative).tanh(), relative, bristles[LENGTHS.len() / 2]];
         let of_velocity = hats(&knots, v);
         let position = row.displacement_m / scales.displacement_m;
         let own: Vec<f64> = of_velocity.into_iter().chain(bristles).chain([position]).collect();

@@ -234,6 +234,12 @@ impl<R: Real> Signals<R> {
         self.force_n
     }
 
+    /// Time since the sample before, s; 0 at the first one.
+    #[inline]
+    pub(crate) const fn step_s(&self) -> f64 {
+        self.step_s
+    }
+
     /// One sample, before the force is known. An input that is not finite leaves its signals as they are.
     #[inline]
     pub(crate) fn before_force(&mut self, inputs: &Inputs<R>) {

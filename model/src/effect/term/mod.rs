@@ -9,7 +9,7 @@
 //! |---|---|---|
 //! | modulator m | 1, force, sign of velocity, drive | `modulator.rs` |
 //! | argument q | displacement, time, path, dissipated energy, travel since the last reversal | `argument.rs` |
-//! | form g | linear, step, hinge, exponential, sine, bump | `form.rs` |
+//! | form g | linear, step, hinge, exponential, sine, bump, resonance | `form.rs` |
 //!
 //! A force that falls by 12.6 % at 11.5 s is the term (force, time, step) with c = -0.126. The damper's force F leaves out the session's offset
 //! where it is a modulator or argument. Terms act around all effects of the damper, and inside of the effects of the load cell; all terms
@@ -24,7 +24,7 @@
 //! confirmed_in = [0.0, 30.0]      # range of the argument in the data
 //! equation = "F' = F (1 - 0.126 H(t - 11.5 s)),  t: time since the start"     # for people, not read
 //!
-//! [effects.parameters]            # the amount c, and the parameters of the form in the unit of the argument
+//! [effects.parameters]            # the amount c, and the parameters of the form
 //! amount = -0.126
 //! at = 11.5
 //! width = 0.05
@@ -38,6 +38,7 @@
 mod argument;
 mod form;
 mod modulator;
+mod resonator;
 mod text;
 
 pub use argument::Argument;
@@ -46,6 +47,7 @@ pub use modulator::Modulator;
 pub use text::TermNumber;
 
 pub(crate) use argument::{Origin, Signals};
+pub(crate) use resonator::{Resonator, warped};
 
 use super::Need;
 use super::run::Inside;
@@ -76,8 +78,8 @@ pub struct Term<R = f64> {
 }
 
 impl Term {
-    /// A term. `amount` is in N per unit of the modulator and of the form, `parameters` in the unit of the argument, and `confirmed_in` is the range
-    /// of the argument in the data that the term was found on.
+    /// A term. `amount` is in N per unit of the modulator and of the form, `parameters` in the units of [`FormParameter::unit`], and `confirmed_in` is
+    /// the range of the argument in the data that the term was found on.
     ///
     /// # Errors
     /// [`Error::Length`] if the form has another number of parameters. [`ForceError::Term`] if a number is not finite, or if a parameter is out of
@@ -121,7 +123,7 @@ impl Term {
         self.values[0]
     }
 
-    /// The parameters of the form, in the unit of the argument.
+    /// The parameters of the form, in the units of [`FormParameter::unit`].
     #[must_use]
     pub fn parameters(&self) -> &[f64] {
         &self.values[1..=self.form.parameters().len()]
@@ -240,10 +242,12 @@ impl Terms {
     }
 }
 
-/// State of terms: the signals that arguments come from.
+/// State of terms: the signals that arguments come from, and the filter of each term.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct TermsState<R = f64> {
     signals: Signals<R>,
+    /// Used by resonances only.
+    filters: [Resonator<R>; MAX_TERMS],
     /// The last sample had an argument outside of its confirmed range.
     extrapolates: bool,
 }
@@ -262,12 +266,12 @@ pub(super) fn step<R: Number>(
     inputs: &Inputs<R>,
     inside: &mut Inside<R>,
 ) -> Option<R> {
-    let TermsState { signals, extrapolates } = state;
+    let TermsState { signals, filters, extrapolates } = state;
     signals.before_force(inputs);
     *extrapolates = false;
     let mut changed = *inputs;
-    for term in terms.iter().filter(|term| term.modulator.acts_on_input()) {
-        let by = change(term, signals, inputs, extrapolates);
+    for (term, filter) in terms.iter().zip(&mut *filters).filter(|(term, _)| term.modulator.acts_on_input()) {
+        let by = change(term, filter, signals, inputs, extrapolates);
         match term.modulator {
             Modulator::ForcePerVelocity => changed.velocity_m_s = changed.velocity_m_s + by,
             _ => changed.drive = changed.drive + by,
@@ -279,8 +283,8 @@ pub(super) fn step<R: Number>(
     }
     signals.after_force(inputs, force_n - inside.offset_n());
     let mut sum_n = force_n;
-    for term in terms.iter().filter(|term| !term.modulator.acts_on_input()) {
-        let by = change(term, signals, inputs, extrapolates);
+    for (term, filter) in terms.iter().zip(filters).filter(|(term, _)| !term.modulator.acts_on_input()) {
+        let by = change(term, filter, signals, inputs, extrapolates);
         sum_n = sum_n + by * term.modulator.value(signals, inputs);
     }
     Some(sum_n)
@@ -288,10 +292,23 @@ pub(super) fn step<R: Number>(
 
 /// c g(q).
 #[inline]
-fn change<R: Real>(term: &Term<R>, signals: &Signals<R>, inputs: &Inputs<R>, extrapolates: &mut bool) -> R {
+fn change<R: Real>(
+    term: &Term<R>,
+    filter: &mut Resonator<R>,
+    signals: &Signals<R>,
+    inputs: &Inputs<R>,
+    extrapolates: &mut bool,
+) -> R {
     let argument = term.argument.value(signals, inputs);
     let [low, high] = term.confirmed_in;
     *extrapolates |= argument.re() < low || argument.re() > high;
     let [amount, parameters @ ..] = term.values;
-    amount * term.form.value(parameters, argument)
+    amount
+        * match term.form {
+            Form::Resonance => {
+                let [frequency_hz, damping] = parameters;
+                filter.step(resonator::warped(frequency_hz, signals.step_s()), damping, argument)
+            }
+            form => form.value(parameters, argument),
+        }
 }

@@ -24,7 +24,7 @@ impl Term {
         let of_form = |(parameter, value): (&FormParameter, &f64)| TermNumber {
             name: parameter.name,
             value: *value,
-            unit: symbol_of(argument.unit(), drive),
+            unit: symbol_of(parameter.unit(argument), drive),
         };
         std::iter::once(amount).chain(parameters.map(of_form)).collect()
     }
@@ -117,11 +117,8 @@ impl Term {
 /// Where and how the curve of `term` acts.
 fn place(term: &Term, drive: &str) -> String {
     let (_, argument, form) = term.kind();
-    let (name, unit) = (argument.words(), symbol_of(argument.unit(), drive));
-    let value = |j: usize| {
-        let value = term.parameters().get(j).copied().unwrap_or(f64::NAN);
-        format!("{} {unit}", short(value)).trim_end().to_owned()
-    };
+    let name = argument.words();
+    let value = |j: usize| parameter(term, j, drive);
     match form {
         Form::Constant => String::new(),
         Form::Linear => format!(", times the {name}"),
@@ -138,6 +135,9 @@ fn place(term: &Term, drive: &str) -> String {
         Form::Deadband => format!(", times the part of the {name} beyond {} in size", value(0)),
         Form::Sine => format!(" at the peaks of a wave over the {name} with a wavelength of {}", value(1)),
         Form::Staircase => format!(" at each further {} of the {name}", value(0)),
+        Form::Resonance => {
+            format!(", times the {name} behind a resonance at {} with the damping {}", value(0), value(1))
+        }
     }
 }
 
@@ -145,10 +145,7 @@ fn place(term: &Term, drive: &str) -> String {
 fn curve(term: &Term, drive: &str) -> String {
     let (_, argument, form) = term.kind();
     let (q, unit) = (symbol(argument), symbol_of(argument.unit(), drive));
-    let number = |j: usize| {
-        let value = term.parameters().get(j).copied().unwrap_or(f64::NAN);
-        format!("{} {unit}", short(value)).trim_end().to_owned()
-    };
+    let number = |j: usize| parameter(term, j, drive);
     let [low, high] = term.confirmed_in();
     let away = || match term.parameters().first() {
         Some(at) if *at < 0.0 => format!("{q} + {}", format!("{} {unit}", short(-at)).trim_end()),
@@ -171,7 +168,18 @@ fn curve(term: &Term, drive: &str) -> String {
         Form::Deadband => format!("({q} beyond ± {})", number(0)),
         Form::Sine => format!("sin(2 pi ({}) / {})", away(), number(1)),
         Form::Staircase => format!("floor({q} / {})", number(0)),
+        Form::Resonance => format!("y({q}; {}, {})", number(0), number(1)),
     }
+}
+
+/// The value and unit of a parameter of the form.
+fn parameter(term: &Term, index: usize, drive: &str) -> String {
+    let (_, argument, form) = term.kind();
+    let both = form.parameters().iter().zip(term.parameters()).nth(index);
+    let text = |(parameter, value): (&FormParameter, &f64)| {
+        format!("{} {}", short(*value), symbol_of(parameter.unit(argument), drive)).trim_end().to_owned()
+    };
+    both.map_or_else(String::new, text)
 }
 
 /// The unit of a term's amount: of the curve, by the power of the argument that the form has.

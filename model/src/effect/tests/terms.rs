@@ -26,6 +26,7 @@ fn numbers(form: Form) -> &'static [f64] {
         Form::Window | Form::Deadband | Form::Staircase => &[0.003],
         Form::Step | Form::Bump | Form::Ramp => &[-0.002, 0.004],
         Form::Sine => &[0.001, 0.007],
+        Form::Resonance => &[12.0, 0.1],
     }
 }
 
@@ -59,6 +60,7 @@ fn equation(form: Form, p: &[f64], q: f64) -> f64 {
         Form::Deadband => q.signum() * (q.abs() - p[0]).max(0.0),
         Form::Sine => (std::f64::consts::TAU * (q - p[0]) / p[1]).sin(),
         Form::Staircase => (q / p[0]).floor(),
+        Form::Resonance => unreachable!("it has a memory: see the filter's own tests"),
     }
 }
 
@@ -66,7 +68,7 @@ fn equation(form: Form, p: &[f64], q: f64) -> f64 {
 fn each_form_adds_the_force_of_its_equation() {
     let inputs = motion(600);
     let plain = run(&augmented(tanh(), &[]), &inputs);
-    for form in Form::ALL {
+    for form in Form::ALL.into_iter().filter(|form| *form != Form::Resonance) {
         let model = with_terms(
             tanh(),
             &[],

@@ -2,7 +2,7 @@
 
 use super::{terms, words};
 use mr_damper_base::provenance::TOOL;
-use mr_damper_model::diagnose::discover::{FoundTerm, RefusedTerm};
+use mr_damper_model::diagnose::discover::{FoundTerm, Hum, Hypothesis, RefusedTerm};
 use mr_damper_model::diagnose::{
     Alignment, Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors,
     StructureRow, TestResult,
@@ -33,6 +33,8 @@ pub struct DiagnosisReport<'a> {
     terms: Vec<TermRow>,
     /// The best term that was not accepted.
     refused_term: Option<RefusedTermRow>,
+    /// A hum in the measured force; it is not in the model.
+    hum: Option<HumRow>,
     refused: Vec<RefusedRow<'a>>,
     untestable: Vec<RefusedRow<'a>>,
     test: Option<TestRow<'a>>,
@@ -196,7 +198,21 @@ struct HypothesisRow {
 struct RefusedTermRow {
     #[serde(flatten)]
     numbers: TermNumbers,
+    /// The sentence of `code`.
     why: String,
+    code: &'static str,
+}
+
+#[derive(Debug, Serialize)]
+struct HumRow {
+    frequency_hz: f64,
+    frequency_ci95_hz: [f64; 2],
+    amplitude_n: f64,
+    amplitude_ci95_n: [f64; 2],
+    p: f64,
+    share: f64,
+    sentence: String,
+    hypothesis: HypothesisRow,
 }
 
 #[derive(Debug, Serialize)]
@@ -295,6 +311,7 @@ impl<'a> DiagnosisReport<'a> {
             effects: result.effects.iter().map(effect).collect(),
             terms: result.discovery.terms.iter().map(|found| term(found, drive)).collect(),
             refused_term: result.discovery.refused.as_ref().map(|refused| refused_term(refused, drive)),
+            hum: result.discovery.hum.as_ref().map(hum),
             refused: words::refused(result).into_iter().map(refused).collect(),
             untestable: result.untestable.iter().map(refused).collect(),
             test: result.test.as_ref().map(test_row),
@@ -391,16 +408,24 @@ fn term(found: &FoundTerm, drive: Option<DriveKind>) -> TermRow {
         class: found.class.iter().map(|(modulator, argument)| [modulator.name(), argument.name()]).collect(),
         p: found.p,
         share_removed: found.confirmed,
-        hypotheses: found
-            .hypotheses()
-            .into_iter()
-            .map(|hypothesis| HypothesisRow { cause: hypothesis.cause, test: hypothesis.test })
-            .collect(),
+        hypotheses: found.hypotheses().into_iter().map(hypothesis).collect(),
     }
 }
 
 fn refused_term(refused: &RefusedTerm, drive: Option<DriveKind>) -> RefusedTermRow {
-    RefusedTermRow { numbers: term_numbers(&refused.term, drive), why: refused.why.to_string() }
+    let RefusedTerm { term, why } = refused;
+    RefusedTermRow { numbers: term_numbers(term, drive), why: why.to_string(), code: why.name() }
+}
+
+fn hum(hum: &Hum) -> HumRow {
+    let Hum { frequency_hz, frequency_ci95_hz, amplitude_n, amplitude_ci95_n, p, share } = *hum;
+    let sentence = hum.sentence();
+    let hypothesis = hypothesis(hum.hypothesis());
+    HumRow { frequency_hz, frequency_ci95_hz, amplitude_n, amplitude_ci95_n, p, share, sentence, hypothesis }
+}
+
+const fn hypothesis(Hypothesis { cause, test }: Hypothesis) -> HypothesisRow {
+    HypothesisRow { cause, test }
 }
 
 fn refused(refused: &RefusedEffect) -> RefusedRow<'_> {

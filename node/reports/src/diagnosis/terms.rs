@@ -4,12 +4,20 @@ use super::words;
 use crate::page::capital;
 use crate::plot::{Ink, Plot, Series, Shape};
 use maud::{Markup, html};
-use mr_damper_model::diagnose::discover::{Claim, Discovery, FoundTerm, RefusedTerm};
+use mr_damper_model::diagnose::discover::{Claim, Discovery, FoundTerm, Hum, Hypothesis, RefusedTerm};
 use mr_damper_model::effect::term::{Argument, Modulator, Term, TermNumber};
 use mr_damper_model::sample::DriveKind;
 
+/// Highest frequency in the picture of a resonance, in units of its own.
+const OVER_RESONANCE: f64 = 2.5;
 /// Points of the curve in the picture of a term.
 const POINTS: u32 = 400;
+
+/// Width of an interval, as a multiple of the value, from which on it says nothing.
+const UNDETERMINED: f64 = 20.0;
+
+/// The heading of the hum.
+pub(super) const HUM: &str = "In the measured force alone";
 
 /// The heading of the terms.
 pub(super) const HEADING: &str = "Not in the library";
@@ -33,10 +41,12 @@ impl Number {
     pub(super) fn in_words(&self) -> String {
         let with_unit = |text: String| format!("{text} {}", self.unit).trim_end().to_owned();
         let value = with_unit(format!("{} = {}", self.name, words::figure(self.value)));
-        match self.ci95.map(|ci95| ci95.map(words::figure)) {
-            Some([low, high]) => format!("{value}, 95 %: {}", with_unit(format!("{low} to {high}"))),
-            None => value,
+        let Some([low, high]) = self.ci95 else { return value };
+        if high - low > UNDETERMINED * self.value.abs() {
+            return format!("{value}, which the runs determine only together with the other numbers");
         }
+        let [low, high] = [low, high].map(words::figure);
+        format!("{value}, 95 %: {}", with_unit(format!("{low} to {high}")))
     }
 }
 
@@ -111,6 +121,20 @@ pub(super) fn refused(refused: &RefusedTerm, drive: Option<DriveKind>) -> String
     format!("{}, {equation}: {}", words::term_title(&refused.term), refused.why)
 }
 
+/// The hum in sentences: what it is, how certain it is, and what to do.
+pub(super) fn hum(hum: &Hum) -> [String; 3] {
+    let Hypothesis { cause, test } = hum.hypothesis();
+    [
+        hum.sentence(),
+        format!(
+            "{}; it is {} of the squared error on the validation runs. It is not in the model, because its phase changes from run to run",
+            capital(&words::chance(hum.p)),
+            words::percent(hum.share)
+        ),
+        format!("Hypothesis: {cause}; to test it: {test}"),
+    ]
+}
+
 /// The terms on the page, each with a picture of its curve; nothing if there are none.
 pub(super) fn markup(discovery: &Discovery, drive: Option<DriveKind>) -> Markup {
     html! {
@@ -119,6 +143,12 @@ pub(super) fn markup(discovery: &Discovery, drive: Option<DriveKind>) -> Markup 
             p { "A term is an effect that no entry of the library describes: F\u{2019} = F + c m g(q). It is in the model file. "
                 "It was fitted on the training runs and accepted on the validation runs." }
             @for found in &discovery.terms { (one(found, drive)) }
+        }
+        @if let Some(found) = &discovery.hum {
+            h3 { (HUM) }
+            @let [what, evidence, hypothesis] = hum(found);
+            p.named { (what) }
+            ul { li { (evidence) "." } li { (hypothesis) "." } }
         }
     }
 }
@@ -143,7 +173,29 @@ fn one(found: &FoundTerm, drive: Option<DriveKind>) -> Markup {
                 }
             }
         }
-        (picture(term, drive).figure("The curve c g(q) of the term over the range of its argument in the data."))
+        @match term.gain(0.0) {
+            Some(_) => (response(term).figure("The gain of the resonance, from its argument to the force.")),
+            None => (picture(term, drive).figure("The curve c g(q) of the term over the range of its argument in the data.")),
+        }
+    }
+}
+
+/// The gain of a resonance over the frequency.
+fn response(term: &Term) -> Plot {
+    let most_hz = OVER_RESONANCE * term.parameters().first().copied().unwrap_or(1.0);
+    let at = |index: u32| most_hz * f64::from(index) / f64::from(POINTS);
+    Plot {
+        description: format!("Gain of the {} over the frequency", words::term_title(term)),
+        x_label: "frequency, Hz".to_owned(),
+        y_label: "gain".to_owned(),
+        height: 220.0,
+        series: vec![Series {
+            name: String::new(),
+            ink: Ink::Estimate,
+            shape: Shape::Line,
+            points: (0..=POINTS).filter_map(|index| Some((at(index), term.gain(at(index))?))).collect(),
+        }],
+        ..Plot::default()
     }
 }
 

@@ -4,7 +4,7 @@ use super::*;
 use crate::tests::assert_balanced;
 use json::DiagnosisReport;
 use mr_damper_model::Error;
-use mr_damper_model::diagnose::discover::{Claim, Discovery, FoundTerm, RefusedTerm, TermRefusal};
+use mr_damper_model::diagnose::discover::{Claim, Discovery, FoundTerm, Hum, RefusedTerm, TermRefusal};
 use mr_damper_model::diagnose::{
     Alignment, BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult,
     FloorSource, FoundParameter, MeanShift, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect,
@@ -182,6 +182,30 @@ fn drive_friction() -> FoundTerm {
     }
 }
 
+/// The mount of the load cell swings.
+fn resonance() -> FoundTerm {
+    let kind = (Modulator::One, Argument::Force, Form::Resonance);
+    FoundTerm {
+        term: Term::new(kind, 0.3, &[32.0, 0.06], [-900.0, 1100.0]).expect("valid"),
+        claim: Claim::Effect { on_healthy: Some(0.002) },
+        class: Vec::new(),
+        p: 0.0002,
+        confirmed: 0.97,
+        ci95: vec![[-9.0, 9.6], [31.9, 32.1], [0.058, 0.062]],
+    }
+}
+
+fn hum() -> Hum {
+    Hum {
+        frequency_hz: 50.01,
+        frequency_ci95_hz: [50.0, 50.02],
+        amplitude_n: 28.1,
+        amplitude_ci95_n: [27.9, 28.3],
+        p: 1e-12,
+        share: 0.41,
+    }
+}
+
 fn bump() -> RefusedTerm {
     let kind = (Modulator::One, Argument::Displacement, Form::Bump);
     RefusedTerm {
@@ -195,7 +219,7 @@ fn with_terms(terms: Vec<FoundTerm>) -> DiagnosisResult {
     let found = DiagnosisResult { effects: Vec::new(), ..diagnosis_result(base(), &["sealed-1.csv"]) };
     let all = Terms::new(&terms.iter().map(|found| found.term).collect::<Vec<_>>()).expect("few enough");
     let after = Model { effects: Effects::NONE.with_terms(all), ..found.before };
-    DiagnosisResult { after, discovery: Discovery { terms, refused: Some(bump()) }, ..found }
+    DiagnosisResult { after, discovery: Discovery { terms, refused: Some(bump()), hum: None }, ..found }
 }
 
 #[test]
@@ -214,6 +238,27 @@ fn the_text_says_what_a_term_is_and_what_may_be_claimed_about_it() {
     assert!(!text.contains("Named"), "{text}");
     let volts = short(&found, Some(DriveKind::CommandVoltage));
     assert!(volts.contains("amount = 14.0 N/V"), "{volts}");
+}
+
+#[test]
+fn a_resonance_and_a_hum_are_said_with_numbers_and_pictures() {
+    let found = with_terms(vec![resonance()]);
+    let discovery = Discovery { hum: Some(hum()), ..found.discovery };
+    let found = DiagnosisResult { discovery, ..found };
+    let text = text(&found, Some(DriveKind::CoilCurrent));
+    let said: Vec<&str> = text.lines().skip_while(|line| *line != "Not in the library").collect();
+    let said = said.split(|line| line.starts_with("Structures")).next().expect("a part");
+    insta::assert_snapshot!(said.join("\n").trim_end());
+    let json = serde_json::to_value(DiagnosisReport::of(&found, Some(DriveKind::CoilCurrent))).expect("JSON");
+    assert_eq!(json["hum"]["frequency_hz"], 50.01);
+    assert_eq!(
+        json["terms"][0]["units"],
+        serde_json::json!({ "amount": "N/N", "frequency": "Hz", "damping": "" })
+    );
+    let page = terms::markup(&found.discovery, Some(DriveKind::CoilCurrent)).into_string();
+    for part in ["frequency, Hz", "The gain of the resonance", "hum of 28.1 N", "the mains"] {
+        assert!(page.contains(part), "{part}: {page}");
+    }
 }
 
 #[test]

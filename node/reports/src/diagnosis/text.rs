@@ -28,7 +28,7 @@ pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     text
 }
 
-/// The verdict, the proof on the test runs, the named effects and the discovered terms.
+/// The verdict, the proof on the test runs, the named effects, the discovered terms, and a hum.
 #[must_use]
 pub fn short(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     let mut text = String::new();
@@ -51,6 +51,13 @@ pub fn short(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
         for found in &result.discovery.terms {
             term(&mut text, found, drive);
         }
+    }
+    if let Some(hum) = &result.discovery.hum {
+        let _ = writeln!(text, "\n{}", terms::HUM);
+        let [what, evidence, hypothesis] = terms::hum(hum);
+        paragraph(&mut text, 2, &what);
+        paragraph(&mut text, 4, &evidence);
+        paragraph(&mut text, 4, &hypothesis);
     }
     text
 }

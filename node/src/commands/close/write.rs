@@ -196,7 +196,7 @@ mod tests {
             confirmed: 0.6,
             ci95: Vec::new(),
         };
-        let discovery = Discovery { terms: terms.iter().map(found).collect(), refused: None };
+        let discovery = Discovery { terms: terms.iter().map(found).collect(), ..Discovery::default() };
         DiagnosisResult {
             mode: DiagnosisMode::Absolute,
             verdict: Verdict::PartlyExplained,
