@@ -237,7 +237,7 @@ fn close(
         [only] if only == NO_EFFECTS => EffectSet::NONE,
         ids if ids.iter().any(|id| id == NO_EFFECTS) => {
             return Err(NodeError::Usage(format!(
-                "--effects {NO_EFFECTS} cannot have other ids beside it: leave them out"
+                "--effects {NO_EFFECTS} cannot be given with other ids: leave them out"
             )));
         }
         ids => EffectSet::only(ids)?,
