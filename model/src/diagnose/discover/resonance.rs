@@ -13,16 +13,29 @@ use super::nuisance::{Side, Sides};
 use super::screen::{COST_OF_NUMBER, LEAST_IDENTIFIABLE, Pair};
 use super::series::RESONANT;
 use crate::diagnose::rows::dot;
-use crate::effect::term::{Argument, Form, Modulator};
+use crate::diagnose::space::bounds_of_term;
+use crate::effect::term::{Argument, Form, Modulator, Term};
 use rayon::prelude::*;
 
 /// Lowest frequency of the grid, Hz, and the ratio of a frequency to the one before.
 const LOWEST_HZ: f64 = 3.0;
 const RATIO: f64 = 1.09;
+/// Share of an end of a range within which a number is at this end.
+const AT_END: f64 = 0.02;
 /// Highest frequency: this share of the rate of the rows. A higher resonance would stand for the second derivative of its argument, which the
 /// structure of the base may lack.
 const OF_RATE: f64 = 0.4;
-const DAMPINGS: [f64; 4] = [0.03, 0.08, 0.2, 0.5];
+/// A resonance with more damping would stand for a lag of its argument, which the structure of the base may lack.
+const DAMPINGS: [f64; 3] = [0.03, 0.08, 0.2];
+
+/// True if `term` is a resonance at the end of a range: with that damping or frequency it has no peak in the data.
+pub(super) fn has_no_peak(term: &Term) -> bool {
+    let ends = bounds_of_term(term).zip(term.values()).skip(1);
+    term.kind().2 == Form::Resonance
+        && ends
+            .into_iter()
+            .any(|([low, high], value)| *value <= low * (1.0 + AT_END) || *value >= high * (1.0 - AT_END))
+}
 
 /// The best resonance of each argument.
 pub(super) fn pairs<'s>(

@@ -6,6 +6,7 @@
 //! and the others are its class.
 
 use super::nuisance::{KnownStructure, Sides};
+use super::resonance::has_no_peak;
 use super::screen::Pair;
 use super::{BothBlocks, RefusedTerm, Search, TermRefusal, with_term};
 use crate::diagnose::derivatives::columns;
@@ -84,6 +85,8 @@ pub(super) fn settle(
     let alone = |pair: &&Pair| alone(search, sides, &current.model, pair);
     let alone: Vec<Option<Alone>> = chosen.par_iter().map(alone).collect::<Result<_, Error>>()?;
     let mut refits: Vec<Alone> = alone.into_iter().flatten().collect();
+    let last = |fitted: &Fitted| fitted.model.effects().terms().iter().last().copied();
+    refits.retain(|one| !last(&one.fitted).is_some_and(|term| has_no_peak(&term)));
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
     // The base was fitted while the effect was there, which has bent it, so the rivals of the best are fitted with it.
     let least = refits.first().map_or(0.0, |best| best.squares);
@@ -91,6 +94,7 @@ pub(super) fn settle(
     let refits = refits.into_par_iter().map(|one| jointly(search, sides, known, one, blocks));
     let refits: Vec<Option<Refitted>> = refits.collect::<Result<_, Error>>()?;
     let mut refits: Vec<Refitted> = refits.into_iter().flatten().collect();
+    refits.retain(|one| !has_no_peak(&one.term));
     // The nuisance space is not in the model: without it the term must help too.
     refits.retain(|one| one.raw_squares < (1.0 - LEAST_RAW_SHARE) * sides.confirm.raw_squares());
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));

@@ -180,7 +180,7 @@ impl Form {
                 const {
                     &[
                         FormParameter::new("frequency", Kind::Own(Unit::HERTZ, [0.5, 60.0])),
-                        FormParameter::new("damping", Kind::Own(Unit::NONE, [3e-3, 0.7])),
+                        FormParameter::new("damping", Kind::Own(Unit::NONE, [3e-3, 0.3])),
                     ]
                 }
             }
