@@ -15,7 +15,7 @@
 //! A wrong structure of the base leaves a residual that a term could take for an effect. The space of structures, a generalised Maxwell-slip
 //! model under fuzzy sets, contains the forces of many dampers, so what it can take away is not evidence for a term. With healthy runs, its
 //! weights must also fit these runs: what the healthy damper does not need of the space is not structure, so an effect within it stays visible
-//! ([`nuisance`]). Where nothing is found beyond that space, the next pass searches without it. Such a term may be structure: only a healthy run
+//! (`nuisance.rs`). Where nothing is found beyond that space, the next pass searches without it. Such a term may be structure: only a healthy run
 //! decides. A term is added to the model if it holds on runs that it was not fitted on, whatever its claim is. At most [`MAX_TERMS`] are
 //! added. The test runs decide nothing here, as everywhere: they can only take the verdict away.
 //!
