@@ -46,6 +46,7 @@ use crate::error::{Error, IdentifyError};
 use crate::force::{MAX_INPUTS, Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind};
 use crate::metrics::ErrorSum;
 use crate::sample::DriveKind;
+use crate::statistics::range;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use premises::{Axis, Premises};
 use std::cell::{Cell, RefCell};
@@ -558,7 +559,7 @@ fn moments<'s>(
     let count = all().count().max(1) as f64;
     let mean = all().sum::<f64>() / count;
     let std_dev = (all().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt();
-    let range = all().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
+    let range = range(all());
     if std_dev > CONSTANT * range[0].abs().max(range[1].abs()) {
         return Ok((mean, std_dev, range));
     }

@@ -15,9 +15,14 @@ pub mod autocorrelation;
 pub(crate) mod block_sums;
 pub mod correlation;
 pub(crate) mod error_ratio;
-mod fourier;
+pub(crate) mod fourier;
 pub mod parabola;
 pub mod spectrum;
+
+/// The smallest and the largest of `values`; without values, an infinite range in reverse.
+pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+}
 
 /// Sum of products of two series of one length; zero if one of them is empty.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -16,8 +16,8 @@
 //! 0.55 or more. On the healthy runs, the base is refitted linearly together with the space of structures. A term that this space can follow is
 //! compared without it.
 
-use super::nuisance::{KnownStructure, Side};
-use super::screen::LEAST_IDENTIFIABLE;
+use super::nuisance::{HealthySide, KnownStructure, Nuisance, Side};
+use super::screen::is_identifiable;
 use super::{Search, with_term};
 use crate::diagnose::joint::{Fitted, Joint};
 use crate::diagnose::rows::{Rows, dot};
@@ -77,12 +77,12 @@ pub(super) fn claim(healthy: Option<&Healthy>, term: &Term) -> Claim {
     let on_healthy = healthy.and_then(|healthy| healthy.ratio(term));
     let (_, argument, form) = term.kind();
     let local = matches!(form, Form::Sine | Form::Bump | Form::Step | Form::Window | Form::Staircase);
-    let beyond_structure = match argument.origin() {
-        Origin::Growing => form != Form::Constant,
-        Origin::Position => local,
-        Origin::Input => false,
+    let beyond_structure = match (form, argument.origin()) {
+        (Form::Resonance, _) => true,
+        (_, Origin::Growing) => form != Form::Constant,
+        (_, Origin::Position) => local,
+        (_, Origin::Input) => false,
     };
-    let beyond_structure = beyond_structure || form == Form::Resonance;
     match on_healthy {
         Some(ratio) if ratio >= STRUCTURE => Claim::Structure { on_healthy: ratio },
         Some(ratio) if ratio > EFFECT && !beyond_structure => {
@@ -97,11 +97,7 @@ pub(super) fn claim(healthy: Option<&Healthy>, term: &Term) -> Claim {
 pub(super) struct Healthy<'a> {
     rows: &'a Rows<'a>,
     fitted: Fitted,
-    pub(super) side: Side<'a>,
-    /// The same without the space of structures.
-    plain: Side<'a>,
-    /// The structure that the base lacks on them, if the search is beyond it.
-    pub(super) structure: Option<KnownStructure>,
+    own: HealthySide<'a>,
 }
 
 impl<'a> Healthy<'a> {
@@ -116,15 +112,18 @@ impl<'a> Healthy<'a> {
         }
         let joint = Joint { rows, ..search.joint };
         let Some(fitted) = joint.refit(model, REFIT)? else { return Ok(None) };
-        let plain = Side::healthy(&Search { beyond_structure: false, ..*search }, rows, &fitted)?;
-        let side = Side::healthy(search, rows, &fitted)?;
-        Ok(side.zip(plain).map(|((side, structure), (plain, _))| Self {
-            rows,
-            fitted,
-            side,
-            plain,
-            structure,
-        }))
+        let own = HealthySide::new(search, rows, &fitted)?;
+        Ok(own.map(|own| Self { rows, fitted, own }))
+    }
+
+    /// The healthy runs as a side.
+    pub(super) const fn side(&self) -> &Side<'a> {
+        &self.own.side
+    }
+
+    /// The structure that the base lacks on them, if the search is beyond it.
+    pub(super) fn structure(&self) -> Option<&KnownStructure> {
+        self.own.structure.as_ref().map(|(_, known)| known)
     }
 
     /// The amount of `term` here as a share of its own, without its sign; `None` if it cannot be simulated.
@@ -134,17 +133,19 @@ impl<'a> Healthy<'a> {
         let small = with_term(&self.fitted.model, term.with_values(&values)?).ok()?;
         let mut column = self.rows.difference(&small, &self.fitted.predicted_n, STEP)?;
         self.rows.centre(&mut column);
-        Some(self.share(column).abs())
+        Some(self.share(&column).abs())
     }
 
     /// Amount of a change of the force by `column` that fits these runs. A change that the space of structures can follow is judged without this
     /// space, because the base may lack it on every run. The amount is 0 if the numbers of the model alone can follow it.
-    pub(super) fn share(&self, column: Vec<f64>) -> f64 {
-        let amount = |side: &Side| {
-            let rest = side.project(column.clone());
+    pub(super) fn share(&self, column: &[f64]) -> f64 {
+        let HealthySide { side, structure } = &self.own;
+        let amount = |nuisance: &Nuisance| {
+            let rest = nuisance.project(column.to_vec());
             let power = dot(&rest, &rest);
-            (power > LEAST_IDENTIFIABLE * dot(&column, &column)).then(|| dot(&rest, &side.residual_n) / power)
+            is_identifiable(power, dot(column, column)).then(|| dot(&rest, &side.residual_n) / power)
         };
-        amount(&self.side).or_else(|| amount(&self.plain)).unwrap_or(0.0)
+        let without_space = || structure.as_ref().and_then(|(plain, _)| amount(plain));
+        amount(&side.nuisance).or_else(without_space).unwrap_or(0.0)
     }
 }

@@ -10,11 +10,12 @@
 //! Its phase is another one in every run, so it cannot be a term of the model: only frequency and amplitude are said. Where the conditioning
 //! filters the measured force, the amplitude is that before the filter.
 
-use super::{Hypothesis, Search, selected_all};
+use super::{Hypothesis, Search};
 use crate::condition::{ApplyTo, Conditioning};
 use crate::diagnose::joint::Fitted;
 use crate::diagnose::rows::{Rows, RunRows, dot};
 use crate::effect::Augmented;
+use crate::statistics::fourier::transform;
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
 use std::f64::consts::{LN_2, PI, TAU};
@@ -92,7 +93,8 @@ impl Hum {
 
 /// The strongest hum in what `model` leaves; `None` if there is none.
 pub(super) fn find(search: &Search, model: &Augmented) -> Option<Hum> {
-    let [train, confirm] = [search.runs.estimate, search.runs.confirm].map(selected_all);
+    let [train, confirm] =
+        [search.runs.estimate, search.runs.confirm].map(|runs| Rows::new(runs, usize::MAX));
     let train = Spectrum::new(&train, model)?;
     let confirm = Spectrum::new(&confirm, model)?;
     let coarse_hz = train.line()?;
@@ -182,18 +184,15 @@ impl Spectrum {
         let same = |run: &&RunRows| {
             (run.dataset.rate_hz / rate_hz - 1.0).abs() < 1e-3 && run.range.len() > 2 * NEARBY
         };
+        let mut force_n = fitted.predicted_n;
+        rows.centre(&mut force_n);
         let series = |run: &RunRows| {
-            let part = |series: &[f64]| {
-                let part = &series[run.range.clone()];
-                let mean = part.iter().sum::<f64>() / part.len() as f64;
-                part.iter().map(|value| value - mean).collect()
-            };
             let times_s: Vec<f64> = run.times_s().collect();
             let start_s = times_s.first().copied().unwrap_or(0.0);
             Series {
                 times_s: times_s.into_iter().map(|t_s| t_s - start_s).collect(),
-                error_n: part(&fitted.residual_n),
-                force_n: part(&fitted.predicted_n),
+                error_n: fitted.residual_n[run.range.clone()].to_vec(),
+                force_n: force_n[run.range.clone()].to_vec(),
             }
         };
         let runs: Vec<Series> = rows.runs().iter().filter(same).map(series).collect();
@@ -204,25 +203,23 @@ impl Spectrum {
         let length = (2.0 * longest_s * rate_hz).ceil() as usize;
         let length = length.next_power_of_two();
         let step_hz = rate_hz / length as f64;
-        let mut plan = RealFftPlanner::<f64>::new();
-        let transform = plan.plan_fft_forward(length);
+        let plan = RealFftPlanner::<f64>::new().plan_fft_forward(length);
         let powers = |of: fn(&Series) -> &[f64]| {
             let mut sums = vec![0.0; length / 2 + 1];
             for run in &runs {
-                let (mut input, mut output) = (transform.make_input_vec(), transform.make_output_vec());
+                let mut input = vec![0.0; length];
                 for (t_s, value) in run.times_s.iter().zip(of(run)) {
                     let place = (t_s * rate_hz).round() as usize;
                     if let Some(place) = input.get_mut(place) {
                         *place += run.window(*t_s) * value;
                     }
                 }
-                // Both have the lengths of the plan, so this does not fail.
-                transform.process(&mut input, &mut output).ok()?;
+                let output = transform(&*plan, &input);
                 sums.iter_mut().zip(&output).for_each(|(sum, x)| *sum += x.norm_sqr());
             }
-            Some(sums)
+            sums
         };
-        let (error, force) = (powers(|run| &run.error_n)?, powers(|run| &run.force_n)?);
+        let (error, force) = (powers(|run| &run.error_n), powers(|run| &run.force_n));
         let lowest_hz = LOWEST_HZ.max(LEAST_PERIODS / longest_s);
         let band = [lowest_hz, OF_RATE * rate_hz].map(|hz| (hz / step_hz) as usize);
         let windows =

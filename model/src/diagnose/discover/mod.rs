@@ -215,11 +215,6 @@ pub(super) fn extend(
     Ok(result)
 }
 
-/// All rows that count.
-fn selected_all(datasets: &[Dataset]) -> Rows<'_> {
-    Rows::new(datasets, usize::MAX)
-}
-
 /// The rows of the search: at most [`RATE_HZ`].
 fn selected(datasets: &[Dataset]) -> Rows<'_> {
     let counted: usize = datasets.iter().map(Dataset::counted).sum();
@@ -329,7 +324,7 @@ impl<'a> Search<'a> {
             }
             let shown = |pair: &&Pair| structure_too || pair.on_healthy.is_none_or(|ratio| ratio < STRUCTURE);
             let pairs: Vec<&Pair> = here.pairs.iter().filter(shown).collect();
-            let known = here.healthy.as_ref().and_then(|healthy| healthy.structure.as_ref());
+            let known = here.healthy.as_ref().and_then(Healthy::structure);
             match settle::settle(&search, &fitted, &here.sides, known, &pairs, &blocks)? {
                 Ok(Settled { fitted: next, term, class, p, confirmed }) => {
                     let claim = claim::claim(here.healthy.as_ref(), &term);
@@ -357,7 +352,7 @@ impl<'a> Search<'a> {
         blocks: &BothBlocks,
     ) -> Result<Option<Screened<'a>>, Error> {
         let healthy = Healthy::new(self, healthy_rows, &fitted.model)?;
-        let known = healthy.as_ref().and_then(|healthy| healthy.structure.as_ref());
+        let known = healthy.as_ref().and_then(Healthy::structure);
         let Some(sides) = Sides::new(self, fitted, known)? else { return Ok(None) };
         let pairs = screen::pairs(&sides, healthy.as_ref(), fitted.model.effects().terms(), blocks);
         Ok(Some(Screened { beyond_structure: self.beyond_structure, sides, healthy, pairs }))

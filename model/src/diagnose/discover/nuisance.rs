@@ -26,21 +26,25 @@ const RIDGE: f64 = 1e-5;
 /// Weight of the squared error on the healthy runs, relative to that on the training runs.
 const WEIGHT_OF_HEALTHY: f64 = 4.0;
 
-/// Training or validation runs.
-pub(super) struct Side<'a> {
-    pub(super) rows: &'a Rows<'a>,
-    pub(super) series: Series,
-    pub(super) residual_n: Vec<f64>,
-    /// The nuisance columns.
+/// The nuisance columns on some rows, and the factor of their normal matrix.
+pub(super) struct Nuisance {
     pub(super) columns: Vec<Vec<f64>>,
     /// N'N.
     pub(super) square: DMatrix<f64>,
     /// Cholesky factor of N'N with ridge and penalty.
     factor: Cholesky<f64, Dyn>,
+}
+
+/// Training or validation runs.
+pub(super) struct Side<'a> {
+    pub(super) rows: &'a Rows<'a>,
+    pub(super) series: Series,
+    pub(super) residual_n: Vec<f64>,
+    pub(super) nuisance: Nuisance,
     /// d, fitted on this side.
     pub(super) d: DVector<f64>,
     /// r - N d with it.
-    fitted_rest_n: Vec<f64>,
+    pub(super) fitted_rest_n: Vec<f64>,
     /// N'r - N'N d with the d of the other side.
     pub(super) left: DVector<f64>,
     /// r - N d with the d of the other side.
@@ -99,18 +103,18 @@ impl Columns {
 }
 
 impl KnownStructure {
-    /// The structure on the healthy runs of `side`, whose columns have these `scales`; the first `of_model` are derivatives. `None` without
-    /// columns of structure.
-    fn new(side: &Side, scales: &[f64], of_model: usize) -> Option<Self> {
-        let of_structure = scales.len() - of_model;
-        let along = onto(&side.columns, &side.residual_n);
-        let part = |row, column, rows, columns| side.square.view((row, column), (rows, columns)).into_owned();
-        let of_base = part(0, 0, of_model, of_model) + DMatrix::identity(of_model, of_model) * RIDGE;
-        let crossed = part(0, of_model, of_model, of_structure);
-        let solved = Cholesky::new(of_base)?.solve(&crossed);
-        let mut square = part(of_model, of_model, of_structure, of_structure) - crossed.transpose() * &solved;
-        let mut right = along.rows(of_model, of_structure) - solved.transpose() * along.rows(0, of_model);
-        let unit = |index: usize| match scales[of_model + index] {
+    /// The structure on the healthy runs of `side`, whose columns have these `scales`. The first ones are the derivatives, which `of_model` has
+    /// alone.
+    fn new(side: &Side, scales: &[f64], of_model: &Nuisance) -> Self {
+        let (square, first) = (&side.nuisance.square, of_model.columns.len());
+        let of_structure = scales.len() - first;
+        let along = side.nuisance.onto(&side.residual_n);
+        let crossed = square.view((0, first), (first, of_structure)).into_owned();
+        let solved = of_model.solve(&crossed);
+        let mut square =
+            square.view((first, first), (of_structure, of_structure)) - crossed.transpose() * &solved;
+        let mut right = along.rows(first, of_structure) - solved.transpose() * along.rows(0, first);
+        let unit = |index: usize| match scales[first + index] {
             scale if scale > 0.0 => scale.recip(),
             _ => 0.0,
         };
@@ -120,7 +124,7 @@ impl KnownStructure {
                 square[(a, b)] *= unit(a) * unit(b);
             }
         }
-        (of_structure > 0).then_some(Self { square, along: right })
+        Self { square, along: right }
     }
 }
 
@@ -152,66 +156,17 @@ impl Penalty {
     }
 }
 
-/// N'x.
-fn onto(columns: &[Vec<f64>], series: &[f64]) -> DVector<f64> {
-    DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, series)))
-}
-
-impl<'a> Side<'a> {
-    /// A side; `None` if its normal matrix cannot be factorised.
-    fn new(rows: &'a Rows<'a>, columns: Columns, fitted: &Fitted, penalty: &Penalty) -> Option<Self> {
-        let columns = columns.all;
+impl Nuisance {
+    /// `None` if the normal matrix cannot be factorised.
+    fn new(columns: Vec<Vec<f64>>, penalty: &Penalty) -> Option<Self> {
         let square = gram(&columns);
         let factor = Cholesky::new(&square + &penalty.square)?;
-        let d = factor.solve(&(onto(&columns, &fitted.residual_n) + &penalty.along));
-        let mut side = Self {
-            rows,
-            series: Series::new(&fitted.model, rows, &fitted.predicted_n),
-            residual_n: fitted.residual_n.clone(),
-            left: DVector::zeros(columns.len()),
-            rest_n: Vec::new(),
-            square,
-            columns,
-            factor,
-            d,
-            fitted_rest_n: Vec::new(),
-        };
-        side.fitted_rest_n = side.without(side.residual_n.clone(), &side.d);
-        Some(side)
+        Some(Self { columns, square, factor })
     }
 
-    /// The healthy runs, with the space of structures if the search has it, and what they say about the structure. `None` if the normal
-    /// matrix cannot be factorised.
-    pub(super) fn healthy(
-        search: &Search,
-        rows: &'a Rows<'a>,
-        fitted: &Fitted,
-    ) -> Result<Option<(Self, Option<KnownStructure>)>, Error> {
-        let levels = search.beyond_structure.then(|| structure::levels(search.train));
-        let mut columns = Columns::new(search, rows, fitted, levels.as_ref())?;
-        let (of_model, scales) = (columns.of_model, columns.scales());
-        columns.scale(&scales);
-        let side = Self::new(rows, columns, fitted, &Penalty::new(&scales, None));
-        Ok(side.map(|side| {
-            let known = KnownStructure::new(&side, &scales, of_model);
-            (side, known)
-        }))
-    }
-
-    /// Takes the weights `d` of the other side.
-    fn held_out(&mut self, d: &DVector<f64>) {
-        self.left = onto(&self.columns, &self.residual_n) - &self.square * d;
-        self.rest_n = self.without(self.residual_n.clone(), d);
-    }
-
-    /// Squared error without the nuisance space, N².
-    pub(super) fn raw_squares(&self) -> f64 {
-        dot(&self.residual_n, &self.residual_n)
-    }
-
-    /// Squared error with it, fitted on the other side, N².
-    pub(super) fn squares(&self) -> f64 {
-        dot(&self.rest_n, &self.rest_n)
+    /// N'x.
+    fn onto(&self, series: &[f64]) -> DVector<f64> {
+        DVector::from_iterator(self.columns.len(), self.columns.iter().map(|column| dot(column, series)))
     }
 
     /// x - N w.
@@ -227,9 +182,55 @@ impl<'a> Side<'a> {
         self.factor.solve(columns)
     }
 
-    /// Weights with which the nuisance columns follow a change of the force by `series`.
+    /// d for a residual.
+    fn fit(&self, residual_n: &[f64], penalty: &Penalty) -> DVector<f64> {
+        self.factor.solve(&(self.onto(residual_n) + &penalty.along))
+    }
+
+    /// Weights with which the columns follow a change of the force by `series`.
     pub(super) fn weights(&self, series: &[f64]) -> DVector<f64> {
-        self.factor.solve(&onto(&self.columns, series))
+        self.factor.solve(&self.onto(series))
+    }
+
+    /// The rest of a change of the force by `series` when the columns follow it.
+    pub(super) fn project(&self, series: Vec<f64>) -> Vec<f64> {
+        let weights = self.weights(&series);
+        self.without(series, &weights)
+    }
+}
+
+impl<'a> Side<'a> {
+    /// A side; `None` if its normal matrix cannot be factorised.
+    fn new(rows: &'a Rows<'a>, columns: Columns, fitted: &Fitted, penalty: &Penalty) -> Option<Self> {
+        let nuisance = Nuisance::new(columns.all, penalty)?;
+        let residual_n = fitted.residual_n.clone();
+        let d = nuisance.fit(&residual_n, penalty);
+        Some(Self {
+            rows,
+            series: Series::new(&fitted.model, rows, &fitted.predicted_n),
+            left: DVector::zeros(nuisance.columns.len()),
+            rest_n: Vec::new(),
+            fitted_rest_n: nuisance.without(residual_n.clone(), &d),
+            residual_n,
+            nuisance,
+            d,
+        })
+    }
+
+    /// Takes the weights `d` of the other side.
+    fn held_out(&mut self, d: &DVector<f64>) {
+        self.left = self.nuisance.onto(&self.residual_n) - &self.nuisance.square * d;
+        self.rest_n = self.nuisance.without(self.residual_n.clone(), d);
+    }
+
+    /// Squared error without the nuisance space, N².
+    pub(super) fn raw_squares(&self) -> f64 {
+        dot(&self.residual_n, &self.residual_n)
+    }
+
+    /// Squared error with it, fitted on the other side, N².
+    pub(super) fn squares(&self) -> f64 {
+        dot(&self.rest_n, &self.rest_n)
     }
 
     /// Drop of the squared error on each block when `amount` of `series` is in the model, and the nuisance columns follow with `weights` per amount,
@@ -241,21 +242,37 @@ impl<'a> Side<'a> {
         weights: &DVector<f64>,
         blocks: &Blocks,
     ) -> Vec<f64> {
-        let column = self.without(series, weights);
+        let column = self.nuisance.without(series, weights);
         let after: Vec<f64> =
             self.rest_n.iter().zip(&column).map(|(e, column)| e - amount * column).collect();
         blocks.gains(&self.rest_n, &after)
     }
+}
 
-    /// The rest of a change of the force by `series` when the nuisance columns follow it.
-    pub(super) fn project(&self, series: Vec<f64>) -> Vec<f64> {
-        let weights = self.weights(&series);
-        self.without(series, &weights)
-    }
+/// The healthy runs of a search.
+pub(super) struct HealthySide<'a> {
+    pub(super) side: Side<'a>,
+    /// The nuisance without the space of structures, and the knowledge about the structure; `None` if the search does not have the space.
+    pub(super) structure: Option<(Nuisance, KnownStructure)>,
+}
 
-    /// The rest of the residual, with the nuisance columns fitted here.
-    pub(super) fn fitted_rest_n(&self) -> &[f64] {
-        &self.fitted_rest_n
+impl<'a> HealthySide<'a> {
+    /// `None` if the normal matrix cannot be factorised.
+    pub(super) fn new(search: &Search, rows: &'a Rows<'a>, fitted: &Fitted) -> Result<Option<Self>, Error> {
+        let levels = search.beyond_structure.then(|| structure::levels(search.train));
+        let mut columns = Columns::new(search, rows, fitted, levels.as_ref())?;
+        let (of_model, scales) = (columns.of_model, columns.scales());
+        columns.scale(&scales);
+        let plain = levels.map(|_| columns.all[..of_model].to_vec());
+        let Some(side) = Side::new(rows, columns, fitted, &Penalty::new(&scales, None)) else {
+            return Ok(None);
+        };
+        let Some(plain) = plain else { return Ok(Some(Self { side, structure: None })) };
+        let plain = Nuisance::new(plain, &Penalty::new(&scales[..of_model], None));
+        Ok(plain.map(|plain| {
+            let known = KnownStructure::new(&side, &scales, &plain);
+            Self { side, structure: Some((plain, known)) }
+        }))
     }
 }
 
@@ -274,7 +291,7 @@ impl<'a> Sides<'a> {
         let scales = train.scales();
         train.scale(&scales);
         confirm.scale(&scales);
-        let penalty = Penalty::new(&scales, known.filter(|_| levels.is_some()));
+        let penalty = Penalty::new(&scales, known);
         let train = Side::new(search.train, train, fitted, &penalty);
         let confirm = Side::new(search.confirm, confirm, &confirmed, &penalty);
         let (Some(mut train), Some(mut confirm)) = (train, confirm) else { return Ok(None) };
@@ -285,9 +302,9 @@ impl<'a> Sides<'a> {
 
     /// Best weights of the nuisance columns in `residual_n` on the training runs, and the least squared error with the penalty, N².
     pub(super) fn fit(&self, residual_n: &[f64]) -> (DVector<f64>, f64) {
-        let train = &self.train;
-        let weights = train.factor.solve(&(onto(&train.columns, residual_n) + &self.penalty.along));
-        let rest_n = train.without(residual_n.to_vec(), &weights);
+        let nuisance = &self.train.nuisance;
+        let weights = nuisance.fit(residual_n, &self.penalty);
+        let rest_n = nuisance.without(residual_n.to_vec(), &weights);
         let cost = dot(&rest_n, &rest_n) + self.penalty.value(&weights);
         (weights, cost)
     }

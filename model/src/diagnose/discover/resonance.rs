@@ -10,11 +10,12 @@
 use super::BothBlocks;
 use super::claim::Healthy;
 use super::nuisance::{Side, Sides};
-use super::screen::{COST_OF_NUMBER, LEAST_IDENTIFIABLE, Pair};
+use super::screen::{Pair, is_identifiable, score};
 use super::series::RESONANT;
 use crate::diagnose::rows::dot;
 use crate::diagnose::space::bounds_of_term;
 use crate::effect::term::{Argument, Form, Modulator, Term};
+use crate::statistics::range;
 use rayon::prelude::*;
 
 /// Lowest frequency of the grid, Hz, and the ratio of a frequency to the one before.
@@ -55,13 +56,9 @@ pub(super) fn pairs<'s>(
 
 /// The amount that fits a side, and the drop of its squared error, N²; `None` if the nuisance columns can take its place.
 fn fitted(side: &Side, column: &[f64]) -> Option<[f64; 2]> {
-    let power = dot(column, &side.project(column.to_vec()));
-    let least = LEAST_IDENTIFIABLE * dot(column, column);
-    if power.is_nan() || power <= least {
-        return None;
-    }
-    let along = dot(column, side.fitted_rest_n());
-    Some([along / power, along * along / power])
+    let power = dot(column, &side.nuisance.project(column.to_vec()));
+    let along = dot(column, &side.fitted_rest_n);
+    is_identifiable(power, dot(column, column)).then(|| [along / power, along * along / power])
 }
 
 fn pair(
@@ -78,16 +75,15 @@ fn pair(
     });
     let (parameters, amount, train_gain) = candidates.max_by(|(.., a), (.., b)| a.total_cmp(b))?;
     let (on_train, on_confirm) = (column(&sides.train, parameters)?, column(&sides.confirm, parameters)?);
-    let [of_train, of_confirm] = [sides.train.weights(&on_train), sides.confirm.weights(&on_confirm)];
+    let of_train = sides.train.nuisance.weights(&on_train);
+    let of_confirm = sides.confirm.nuisance.weights(&on_confirm);
     let [reverse, _] = fitted(&sides.confirm, &on_confirm).unwrap_or_default();
     let forward = sides.confirm.gains(on_confirm, amount, &of_train, &blocks.confirm);
     let backward = sides.train.gains(on_train, reverse, &of_confirm, &blocks.train);
     let gain: f64 = forward.iter().sum();
-    let on_healthy =
-        healthy.and_then(|healthy| Some((healthy.share(column(&healthy.side, parameters)?) / amount).abs()));
-    let q = sides.train.series.argument(argument)?;
-    let range =
-        q.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], q| [low.min(*q), high.max(*q)]);
+    let on_healthy = healthy
+        .and_then(|healthy| Some((healthy.share(&column(healthy.side(), parameters)?) / amount).abs()));
+    let range = range(sides.train.series.argument(argument)?.iter().copied());
     Some(Pair {
         modulator: Modulator::One,
         argument,
@@ -96,7 +92,7 @@ fn pair(
         parameters: parameters.to_vec(),
         range,
         train_gain,
-        score: if gain > 0.0 { gain * (1.0 - 3.0 * COST_OF_NUMBER) } else { gain },
+        score: score(gain, parameters.len()),
         gains: forward.into_iter().chain(backward).collect(),
         on_healthy,
     })

@@ -32,9 +32,19 @@ const OF_CONSTANT: Argument = Argument::Displacement;
 /// Share of the best score within which the form with the fewest numbers is taken.
 const ALIKE: f64 = 0.02;
 /// Share of the gain that each number of a term costs when terms are compared.
-pub(super) const COST_OF_NUMBER: f64 = 0.008;
+const COST_OF_NUMBER: f64 = 0.008;
 /// Share of a curve that must remain after projection; below it the nuisance space can take its place.
-pub(super) const LEAST_IDENTIFIABLE: f64 = 1e-3;
+const LEAST_IDENTIFIABLE: f64 = 1e-3;
+
+/// True if the `power` of a curve with the nuisance space projected off is not nothing beside that of the `whole` curve.
+pub(super) fn is_identifiable(power: f64, whole: f64) -> bool {
+    whole > 0.0 && power > LEAST_IDENTIFIABLE * whole
+}
+
+/// The score of a term with `parameters` numbers beside its amount, whose gain is `gain`, N².
+pub(super) fn score(gain: f64, parameters: usize) -> f64 {
+    if gain > 0.0 { gain * (1.0 - COST_OF_NUMBER * (1 + parameters) as f64) } else { gain }
+}
 
 /// The best closed form of a pair.
 #[derive(Debug, Clone)]
@@ -181,8 +191,8 @@ impl Hats {
             }
             own -= &sums * sums.transpose() / run.range.len().max(1) as f64;
         }
-        let mut nuisance = DMatrix::zeros(n, side.columns.len());
-        for (column, mut sums) in side.columns.iter().zip(nuisance.column_iter_mut()) {
+        let mut nuisance = DMatrix::zeros(n, side.nuisance.columns.len());
+        for (column, mut sums) in side.nuisance.columns.iter().zip(nuisance.column_iter_mut()) {
             let mut of_column = vec![0.0; n];
             self.onto(column, &mut of_column);
             sums.copy_from_slice(&of_column);
@@ -206,7 +216,7 @@ impl Hats {
 impl Moments {
     /// K^-1 N'M.
     fn nuisance_weights(&self, side: &Side) -> DMatrix<f64> {
-        side.solve(&self.nuisance.transpose())
+        side.nuisance.solve(&self.nuisance.transpose())
     }
 
     /// A and b on the side where the nuisance weights `c` and the side's own were fitted.
@@ -217,7 +227,7 @@ impl Moments {
     /// A and b on the other side, with the nuisance weights `c` of the hat functions and `d` of the residual.
     fn held_out(&self, side: &Side, c: &DMatrix<f64>, d: &DVector<f64>) -> Sums {
         let crossed = &self.nuisance * c;
-        let a = &self.own - &crossed - crossed.transpose() + c.transpose() * (&side.square * c);
+        let a = &self.own - &crossed - crossed.transpose() + c.transpose() * (&side.nuisance.square * c);
         let b = &self.residual - &self.nuisance * d - c.transpose() * &side.left;
         Sums { a, b }
     }
@@ -254,12 +264,12 @@ fn pair(
     let c = confirm.nuisance_weights(&sides.confirm);
     let reverse = confirm.fitted(&sides.confirm, &c);
     let power = at_knots.dot(&(&reverse.a * &at_knots));
-    let identifiable = power > LEAST_IDENTIFIABLE * at_knots.dot(&(&confirm.own * &at_knots));
-    let amount = if identifiable { at_knots.dot(&reverse.b) / power } else { 0.0 };
+    let whole = at_knots.dot(&(&confirm.own * &at_knots));
+    let amount = if is_identifiable(power, whole) { at_knots.dot(&reverse.b) / power } else { 0.0 };
     all_gains.extend(gains(&sides.train, &on_train, &c, amount, &blocks.train));
     let on_healthy = healthy.and_then(|healthy| {
-        let hats = Hats::new(&healthy.side, modulator, argument, &knots)?;
-        Some((healthy.share(hats.series(&healthy.side, &at_knots)) / best.amount).abs())
+        let hats = Hats::new(healthy.side(), modulator, argument, &knots)?;
+        Some((healthy.share(&hats.series(healthy.side(), &at_knots)) / best.amount).abs())
     });
     Some(Pair {
         modulator,
@@ -313,14 +323,13 @@ impl Fit<'_> {
             DVector::from_iterator(self.knots.len(), self.knots.iter().map(|q| form.value(parameters, *q)));
         let power = g.dot(&(&self.train.a * &g));
         let whole = g.dot(&(self.whole * &g));
-        if !(power > LEAST_IDENTIFIABLE * whole && whole > 0.0) {
+        if !is_identifiable(power, whole) {
             return None;
         }
         let along = g.dot(&self.train.b);
         let amount = along / power;
         let gain = 2.0 * amount * g.dot(&self.confirm.b) - amount * amount * g.dot(&(&self.confirm.a * &g));
-        let numbers = (1 + form.parameters().len()) as f64;
-        let score = if gain > 0.0 { gain * (1.0 - COST_OF_NUMBER * numbers) } else { gain };
+        let score = score(gain, form.parameters().len());
         (amount.is_finite() && score.is_finite()).then_some(Curve {
             form,
             parameters,

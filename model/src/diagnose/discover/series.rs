@@ -8,6 +8,7 @@ use crate::diagnose::rows::{Rows, RunRows};
 use crate::effect::term::{Argument, Form, Modulator, Resonator, Signals, Term, warped};
 use crate::effect::{Augmented, AugmentedState};
 use crate::force::Inputs;
+use crate::statistics::range;
 
 /// Change of an input from which the model's derivative by it is computed, as a share of the input's range.
 const SHARE_OF_RANGE: f64 = 1e-3;
@@ -169,8 +170,7 @@ fn by_input(model: &Augmented, rows: &Rows, predicted_n: &[f64], modulator: Modu
     };
     let all =
         rows.runs().iter().flat_map(|run| run.indices.iter().map(|k| input(run.dataset.rows[*k].inputs())));
-    let [low, high] =
-        all.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
+    let [low, high] = range(all);
     let step = SHARE_OF_RANGE * (high - low);
     let (kind, everywhere) = ((modulator, Argument::Time, Form::Constant), [0.0, f64::MAX]);
     let term = (step > 0.0).then(|| Term::new(kind, step, &[], everywhere).ok()).flatten()?;

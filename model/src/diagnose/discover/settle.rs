@@ -85,8 +85,7 @@ pub(super) fn settle(
     let alone = |pair: &&Pair| alone(search, sides, &current.model, pair);
     let alone: Vec<Option<Alone>> = chosen.par_iter().map(alone).collect::<Result<_, Error>>()?;
     let mut refits: Vec<Alone> = alone.into_iter().flatten().collect();
-    let last = |fitted: &Fitted| fitted.model.effects().terms().iter().last().copied();
-    refits.retain(|one| !last(&one.fitted).is_some_and(|term| has_no_peak(&term)));
+    refits.retain(|one| !has_no_peak(&one.term));
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
     // The base was fitted while the effect was there, which has bent it, so the rivals of the best are fitted with it.
     let least = refits.first().map_or(0.0, |best| best.squares);
@@ -133,8 +132,14 @@ pub(super) fn settle(
 /// A term with its own numbers refitted.
 struct Alone {
     fitted: Fitted,
+    term: Term,
     /// Squared error on the validation runs with the nuisance space projected off, N².
     squares: f64,
+}
+
+/// The term that was added last.
+fn last_term(fitted: &Fitted) -> Option<Term> {
+    fitted.model.effects().terms().iter().last().copied()
 }
 
 /// The term of `pair` with its numbers refitted, everything else as it is; `None` if it cannot be simulated.
@@ -142,8 +147,9 @@ fn alone(search: &Search, sides: &Sides, model: &Augmented, pair: &Pair) -> Resu
     let Some(fitted) = refit_term(search, sides, model, pair.term()?)? else { return Ok(None) };
     let Some(confirmed) = Fitted::as_is(fitted.model, search.confirm) else { return Ok(None) };
     let (weights, _) = sides.fit(&fitted.residual_n);
-    let rest_n = sides.confirm.without(confirmed.residual_n, &weights);
-    Ok(Some(Alone { fitted, squares: dot(&rest_n, &rest_n) }))
+    let rest_n = sides.confirm.nuisance.without(confirmed.residual_n, &weights);
+    let squares = dot(&rest_n, &rest_n);
+    Ok(last_term(&fitted).map(|term| Alone { fitted, term, squares }))
 }
 
 /// `one` with base, effects and terms fitted together, if that fits the validation runs better. `None` if it cannot be simulated.
@@ -156,7 +162,7 @@ fn jointly(
 ) -> Result<Option<Refitted>, Error> {
     let refitted = |fitted: Fitted| -> Result<Option<Refitted>, Error> {
         let Some(after) = Sides::new(search, &fitted, known)? else { return Ok(None) };
-        let Some(term) = fitted.model.effects().terms().iter().last().copied() else { return Ok(None) };
+        let Some(term) = last_term(&fitted) else { return Ok(None) };
         let mut gains = blocks.confirm.gains(&sides.confirm.rest_n, &after.confirm.rest_n);
         gains.extend(blocks.train.gains(&sides.train.rest_n, &after.train.rest_n));
         let (raw_squares, squares) = (after.confirm.raw_squares(), after.confirm.squares());
@@ -223,10 +229,11 @@ impl Problem for OfTerm<'_> {
         let (Some(fitted), Some(columns)) = (fitted, columns) else {
             return Some(Normal::impossible(n));
         };
-        let train = &self.sides.train;
+        let nuisance = &self.sides.train.nuisance;
         let (weights, cost) = self.sides.fit(&fitted.residual_n);
-        let rest_n = train.without(fitted.residual_n, &weights);
-        let projected: Vec<Vec<f64>> = columns.iter().map(|column| train.project(column.clone())).collect();
+        let rest_n = nuisance.without(fitted.residual_n, &weights);
+        let projected: Vec<Vec<f64>> =
+            columns.iter().map(|column| nuisance.project(column.clone())).collect();
         Some(Normal {
             cost,
             square: DMatrix::from_fn(n, n, |a, b| dot(&columns[a], &projected[b])),

@@ -14,6 +14,7 @@
 use super::series::Filters;
 use crate::diagnose::rows::{Rows, RunRows};
 use crate::identify::Scales;
+use crate::statistics::range;
 
 /// Lengths of the bristles, as shares of the largest displacement.
 const LENGTHS: [f64; 5] = [0.03, 0.06, 0.12, 0.24, 0.48];
@@ -38,9 +39,7 @@ pub(super) struct Levels {
 /// The levels of the drive in `rows`.
 pub(super) fn levels(rows: &Rows) -> Levels {
     let drives = rows.runs().iter().flat_map(|run| run.indices.iter().map(|k| run.dataset.rows[*k].drive));
-    let [low, high] = drives
-        .filter(|drive| drive.is_finite())
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
+    let [low, high] = range(drives.filter(|drive| drive.is_finite()));
     let varies = high - low > 1e-3 * high.abs().max(1e-9);
     if !varies {
         return Levels { coarse: vec![0.0], fine: Vec::new() };

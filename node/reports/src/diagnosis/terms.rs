@@ -183,19 +183,11 @@ fn one(found: &FoundTerm, drive: Option<DriveKind>) -> Markup {
 /// The gain of a resonance over the frequency.
 fn response(term: &Term) -> Plot {
     let most_hz = OVER_RESONANCE * term.parameters().first().copied().unwrap_or(1.0);
-    let at = |index: u32| most_hz * f64::from(index) / f64::from(POINTS);
     Plot {
         description: format!("Gain of the {} over the frequency", words::term_title(term)),
         x_label: "frequency, Hz".to_owned(),
         y_label: "gain".to_owned(),
-        height: 220.0,
-        series: vec![Series {
-            name: String::new(),
-            ink: Ink::Estimate,
-            shape: Shape::Line,
-            points: (0..=POINTS).filter_map(|index| Some((at(index), term.gain(at(index))?))).collect(),
-        }],
-        ..Plot::default()
+        ..line([0.0, most_hz], |hz| term.gain(hz))
     }
 }
 
@@ -204,18 +196,24 @@ fn picture(term: &Term, drive: Option<DriveKind>) -> Plot {
     let (_, argument, _) = term.kind();
     let label =
         |name: &str, unit: &str| if unit.is_empty() { name.to_owned() } else { format!("{name}, {unit}") };
-    let [low, high] = term.confirmed_in();
-    let at = |index: u32| low + (high - low) * f64::from(index) / f64::from(POINTS);
     Plot {
         description: format!("Curve of the {} over its argument", words::term_title(term)),
         x_label: label(argument.words(), &term.argument_unit(words::drive_unit(drive))),
         y_label: label("c g(q)", &term.curve_unit(words::drive_unit(drive))),
+        ..line(term.confirmed_in(), |q| Some(term.curve(q)))
+    }
+}
+
+/// A plot of `value` over a range, without its texts.
+fn line([low, high]: [f64; 2], value: impl Fn(f64) -> Option<f64>) -> Plot {
+    let at = |index: u32| low + (high - low) * f64::from(index) / f64::from(POINTS);
+    Plot {
         height: 220.0,
         series: vec![Series {
             name: String::new(),
             ink: Ink::Estimate,
             shape: Shape::Line,
-            points: (0..=POINTS).map(|index| (at(index), term.curve(at(index)))).collect(),
+            points: (0..=POINTS).filter_map(|index| Some((at(index), value(at(index))?))).collect(),
         }],
         ..Plot::default()
     }
