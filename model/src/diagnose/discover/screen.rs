@@ -36,7 +36,7 @@ const COST_OF_NUMBER: f64 = 0.008;
 /// Share of a curve that must remain after projection; below it the nuisance space can take its place.
 const LEAST_IDENTIFIABLE: f64 = 1e-3;
 
-/// True if the `power` of a curve with the nuisance space projected off is not nothing beside that of the `whole` curve.
+/// True if enough of a curve remains when the nuisance space is projected off: `power` of it, of the `whole` curve's power.
 pub(super) fn is_identifiable(power: f64, whole: f64) -> bool {
     whole > 0.0 && power > LEAST_IDENTIFIABLE * whole
 }
