@@ -108,7 +108,7 @@ pub struct Test {
 /// Result of a cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finished {
-    /// Name of the model.
+    /// Name of the model, with its variant ([`ModelSpec::label`]).
     pub model: String,
     /// How the drive enters the model: `passive`, `semi_active`, `fuzzy`.
     pub form: String,
@@ -193,7 +193,7 @@ pub fn run(
 ) -> Result<(Finished, Option<Model>), Error> {
     let experiment = &experiments[cell.experiment];
     let mut finished = Finished {
-        model: cell.spec.structure().name().to_owned(),
+        model: cell.spec.label(),
         form: cell.spec.form().name().to_owned(),
         trained_on: experiment.name.clone(),
         parameters: None,

@@ -29,6 +29,24 @@ pub enum IdentifyError {
         /// The forms that the structure has.
         known: Vec<&'static str>,
     },
+    /// The structure has no such variant in this form.
+    #[error(
+        "{model} has no variant \"{variant}\" in its {form} form; {}",
+        match known.is_empty() {
+            true => "it has no variants".to_owned(),
+            false => format!("it has {}", known.join(", ")),
+        }
+    )]
+    UnknownVariant {
+        /// Name of the structure.
+        model: &'static str,
+        /// The form.
+        form: &'static str,
+        /// The requested variant.
+        variant: &'static str,
+        /// The variants that the structure has in this form.
+        known: Vec<&'static str>,
+    },
     /// P was requested as a model that runs.
     #[error(
         "p cannot be made into a model that runs: it explains the force by the measured force at the same instant, and run forward it \

@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::sample::DriveKind;
 
 /// Largest degree of a polynomial in the drive.
-pub const MAX_DEGREE: usize = 4;
+pub const MAX_DEGREE: usize = 5;
 
 /// How the parameters of a model depend on the drive.
 ///
@@ -82,7 +82,7 @@ impl Dependence {
     /// Refuses a polynomial whose degree is not 1 to [`MAX_DEGREE`].
     pub(super) fn check(&self) -> Result<(), Error> {
         let Self::Polynomial { degree, .. } = self else { return Ok(()) };
-        Error::check("degree", *degree as f64, "1 to 4", |d| (1.0..=MAX_DEGREE as f64).contains(&d))?;
+        Error::check("degree", *degree as f64, "1 to 5", |d| (1.0..=MAX_DEGREE as f64).contains(&d))?;
         Ok(())
     }
 

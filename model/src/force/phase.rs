@@ -79,7 +79,7 @@ impl Phase {
     /// their constants, then their coefficients of i, and so on.
     ///
     /// # Errors
-    /// When there are not 5 numbers without drive, or 10, 15, 20 or 25 (degree 1 to 4) with one, or a number
+    /// When there are not 5 numbers without drive, or 10, 15, 20, 25 or 30 (degree 1 to 5) with one, or a number
     /// is not finite.
     pub fn new(drive: Option<DriveKind>, coefficients: &[f64]) -> Result<Self, Error> {
         let (copies, rest) = coefficients.as_chunks::<PHASE_PARAMETERS>();
@@ -88,7 +88,7 @@ impl Phase {
             return Err(Error::Length {
                 name: "coefficients of p".to_owned(),
                 found: coefficients.len(),
-                expected: "5 without a drive, or 10, 15, 20 or 25 with one,".to_owned(),
+                expected: "5 without a drive, or 10, 15, 20, 25 or 30 with one,".to_owned(),
             });
         }
         for (index, value) in coefficients.iter().enumerate() {

@@ -4,7 +4,7 @@ use super::dataset::{self, Dataset};
 use super::free_sets;
 use super::levels::Memberships;
 use super::report::{self, Details, Identified, names_of_copies};
-use super::spec::{ModelSpec, Structure};
+use super::spec::{ModelSpec, Structure, Variant};
 use super::tsk::{TskOptions, fit_tsk};
 use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, maxwell_slip, network, tsk};
 use crate::condition::Conditioning;
@@ -27,6 +27,7 @@ pub(super) fn fit(
     watch: &Watch,
 ) -> Result<Identified, Error> {
     let all = datasets;
+    let options = &of_variant(spec, options);
     let job = Job { spec, drive, datasets: &shortened(spec, all, options), options, watch };
     let (force, offsets_n, mut details) = match spec.structure() {
         Structure::Phase => return Err(cannot_run()),
@@ -72,6 +73,14 @@ pub(super) fn sample_esr(
         (Structure::Tsk(kind), drive) => tsk::grid_esr(datasets, kind, drive, watch),
         (_, Some(kind)) => fuzzy_tanh::sample_esr(datasets, &job.memberships(kind)?, options.seed, watch),
         (_, None) => law::sample_esr(datasets, ForceLaw::Sp, Dependence::None, options.seed, watch),
+    }
+}
+
+/// `options` with what the variant of `spec` prescribes.
+fn of_variant(spec: ModelSpec, options: &Options) -> Cow<'_, Options> {
+    match spec.variant() {
+        Some(Variant::Linear) => Cow::Owned(Options { degree: 1, ..options.clone() }),
+        _ => Cow::Borrowed(options),
     }
 }
 

@@ -76,13 +76,14 @@ pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
 pub(crate) use scales::Scales;
 pub(crate) use score::check as check_runs;
 pub use score::{Predicted, Scores, persistence, score, sum_of_free_run, walk};
-pub use spec::{ModelSpec, Structure};
+pub use spec::{ModelSpec, Structure, Variant};
 pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;
 pub use watch::{Progress, Watch};
 
 use crate::condition::Conditioning;
 use crate::error::{Error, IdentifyError};
+use crate::force::MAX_DEGREE;
 use crate::sample::{DriveKind, Run};
 use rayon::prelude::*;
 
@@ -162,7 +163,7 @@ fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
     if !spec.structure().can_run() {
         return Err(fit::cannot_run());
     }
-    Error::check("degree", options.degree as f64, "1 to 4", |d| (1.0..=4.0).contains(&d))?;
+    Error::check("degree", options.degree as f64, "1 to 5", |d| (1.0..=MAX_DEGREE as f64).contains(&d))?;
     if let Loss::Huber { threshold_n } = options.loss {
         Error::check("huber", threshold_n, "positive and finite", |t| t > 0.0)?;
         if !matches!(spec.structure(), Structure::FuzzyTanh | Structure::Law(_)) {

@@ -49,7 +49,7 @@ pub struct Options {
     pub dataset: DatasetOptions,
     /// Fuzzy sets over the drive, for models that have them.
     pub placement: Placement,
-    /// Degree of the polynomials over the drive, for force laws and lpv, 1 to 4.
+    /// Degree of the polynomials over the drive, for force laws and lpv, 1 to 5.
     pub degree: usize,
     /// The loss that is minimised.
     pub loss: Loss,

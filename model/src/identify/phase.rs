@@ -18,7 +18,7 @@
 use super::regression::Triangle;
 use super::{Dataset, Watch};
 use crate::error::{Error, IdentifyError};
-use crate::force::{ForceMotion, PHASE_PARAMETERS, Phase};
+use crate::force::{ForceMotion, MAX_DEGREE, PHASE_PARAMETERS, Phase};
 use crate::metrics::{ErrorSum, Fit};
 use crate::sample::DriveKind;
 use nalgebra::DVector;
@@ -31,7 +31,7 @@ const ROWS_PER_PARAMETER: usize = 10;
 pub struct PhaseOptions {
     /// The drive of the polynomials; `None` for the passive form.
     pub drive: Option<DriveKind>,
-    /// Degree of the polynomials, 1 to 4; the thesis uses 2. Ignored without a drive.
+    /// Degree of the polynomials, 1 to 5; the thesis uses 2. Ignored without a drive.
     pub degree: usize,
     /// Reach of the central differences of force to either side, s; at least one sample.
     pub reach_s: f64,
@@ -87,7 +87,9 @@ pub fn identify_phase(
     Error::check("reach_s", options.reach_s, "positive and finite", |s| s > 0.0)?;
     let copies = match options.drive {
         Some(kind) => {
-            Error::check("degree", options.degree as f64, "1 to 4", |d| (1.0..=4.0).contains(&d))?;
+            Error::check("degree", options.degree as f64, "1 to 5", |d| {
+                (1.0..=MAX_DEGREE as f64).contains(&d)
+            })?;
             check_drives(datasets, kind)?;
             options.degree + 1
         }

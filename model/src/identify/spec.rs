@@ -1,5 +1,5 @@
-//! Selects the model to identify: a structure by its name in the contract, and the form in which the drive
-//! enters it.
+//! Selects the model to identify: a structure by its name in the contract, the form in which the drive enters
+//! it, and, where the literature differs from the default, a variant.
 
 use crate::edit_distance::edit_distance;
 use crate::error::{Error, IdentifyError};
@@ -31,6 +31,57 @@ pub enum Structure {
     Tsk(TskKind),
 }
 
+/// What a publication does in another way than the default of this library.
+///
+/// ```
+/// use mr_damper_model::force::{ForceLaw, Form};
+/// use mr_damper_model::identify::{ModelSpec, Structure, Variant};
+///
+/// let kwok = ModelSpec::new(Structure::Law(ForceLaw::Kwok), Form::SemiActive)?;
+/// assert_eq!(kwok.with_variant(Variant::Linear)?.label(), "kwok/linear");
+/// assert!(ModelSpec::FUZZY_TANH.with_variant(Variant::Linear).is_err());
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Variant {
+    /// Parameters linear in the drive, in place of polynomials of degree two.
+    Linear,
+    /// Fitted by a particle swarm.
+    Swarm,
+    /// Fitted by recursive least squares.
+    Recursive,
+    /// Fitted by a genetic algorithm.
+    Genetic,
+    /// Fitted by back-propagation alone.
+    BackPropagation,
+}
+
+impl Variant {
+    /// All variants.
+    pub const ALL: [Self; 5] =
+        [Self::Linear, Self::Swarm, Self::Recursive, Self::Genetic, Self::BackPropagation];
+    /// The variants that differ from the default by their fit.
+    pub const FITS: [Self; 4] = [Self::Swarm, Self::Recursive, Self::Genetic, Self::BackPropagation];
+
+    /// The name, as in labels and on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Swarm => "pso",
+            Self::Recursive => "rls",
+            Self::Genetic => "ga",
+            Self::BackPropagation => "back-propagation",
+        }
+    }
+
+    /// The variant called `name`.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|variant| variant.name() == name)
+    }
+}
+
 /// Selects the model to identify.
 ///
 /// ```
@@ -50,6 +101,7 @@ pub enum Structure {
 pub struct ModelSpec {
     structure: Structure,
     form: Form,
+    variant: Option<Variant>,
 }
 
 impl Structure {
@@ -117,11 +169,11 @@ impl Structure {
 
 impl ModelSpec {
     /// ARX without drive terms, 9 coefficients.
-    pub const ARX_PASSIVE: Self = Self { structure: Structure::Arx, form: Form::Passive };
+    pub const ARX_PASSIVE: Self = Self::plain(Structure::Arx, Form::Passive);
     /// ARX with drive terms, 12 coefficients.
-    pub const ARX_SEMI_ACTIVE: Self = Self { structure: Structure::Arx, form: Form::SemiActive };
+    pub const ARX_SEMI_ACTIVE: Self = Self::plain(Structure::Arx, Form::SemiActive);
     /// Fuzzy sets over the drive, each with a tanh function of 4 parameters.
-    pub const FUZZY_TANH: Self = Self { structure: Structure::FuzzyTanh, form: Form::SemiActive };
+    pub const FUZZY_TANH: Self = Self::plain(Structure::FuzzyTanh, Form::SemiActive);
 
     /// `structure` in `form`.
     ///
@@ -129,7 +181,7 @@ impl ModelSpec {
     /// [`IdentifyError::UnknownForm`] if the structure does not have that form.
     pub fn new(structure: Structure, form: Form) -> Result<Self, Error> {
         if structure.forms().contains(&form) {
-            return Ok(Self { structure, form });
+            return Ok(Self::plain(structure, form));
         }
         let known: Vec<&str> = structure.forms().iter().map(|form| form.name()).collect();
         Err(IdentifyError::UnknownForm { model: structure.name(), form: form.name(), known }.into())
@@ -155,11 +207,45 @@ impl ModelSpec {
         .into())
     }
 
-    /// Every structure in every form.
+    /// Without a variant.
+    const fn plain(structure: Structure, form: Form) -> Self {
+        Self { structure, form, variant: None }
+    }
+
+    /// The same model in another variant.
+    ///
+    /// # Errors
+    /// [`IdentifyError::UnknownVariant`] if the structure does not have the variant in this form.
+    pub fn with_variant(self, variant: Variant) -> Result<Self, Error> {
+        let known = self.variants();
+        if known.contains(&variant) {
+            return Ok(Self { variant: Some(variant), ..self });
+        }
+        Err(IdentifyError::UnknownVariant {
+            model: self.structure.name(),
+            form: self.form.name(),
+            variant: variant.name(),
+            known: known.iter().map(|variant| variant.name()).collect(),
+        }
+        .into())
+    }
+
+    /// The variants of the structure in this form; `compare` shows each beside the default.
+    #[must_use]
+    pub fn variants(self) -> &'static [Variant] {
+        match (self.structure, self.form) {
+            (Structure::Law(ForceLaw::Kwok | ForceLaw::Li | ForceLaw::Choi), Form::SemiActive) => {
+                &[Variant::Linear]
+            }
+            _ => &[],
+        }
+    }
+
+    /// Every structure in every form, without variants.
     #[must_use]
     pub fn all() -> Vec<Self> {
         let forms =
-            |structure: Structure| structure.forms().iter().map(move |form| Self { structure, form: *form });
+            |structure: Structure| structure.forms().iter().map(move |form| Self::plain(structure, *form));
         Structure::all().into_iter().flat_map(forms).collect()
     }
 
@@ -173,6 +259,21 @@ impl ModelSpec {
     #[must_use]
     pub const fn form(self) -> Form {
         self.form
+    }
+
+    /// The variant; `None` for the default.
+    #[must_use]
+    pub const fn variant(self) -> Option<Variant> {
+        self.variant
+    }
+
+    /// The name in a comparison: the structure's name, and the variant after a slash (`kwok/linear`).
+    #[must_use]
+    pub fn label(self) -> String {
+        match self.variant {
+            Some(variant) => format!("{}/{}", self.structure.name(), variant.name()),
+            None => self.structure.name().to_owned(),
+        }
     }
 
     /// True when the model predicts from measured force; such a model is valid for one rate only.

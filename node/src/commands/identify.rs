@@ -11,7 +11,8 @@ use mr_damper_base::provenance::{TOOL, date, expect};
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
-    Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Structure, Watch, identify,
+    Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Structure, Variant, Watch,
+    identify,
 };
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
@@ -41,9 +42,12 @@ pub struct Args {
     /// Use fuzzy sets over the drive in place of polynomials, for a force law (kwok, bouc-wen, ...) or lpv.
     #[arg(long, conflicts_with = "passive")]
     pub fuzzy: bool,
-    /// Degree of the polynomials over the drive, for a force law or lpv.
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=4))]
+    /// Degree of the polynomials over the drive, for a force law or lpv; kwok, li and choi are linear in their publications.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=5))]
     pub degree: u8,
+    /// Fit as in the model's publication, in place of the better default.
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(Variant::FITS.map(Variant::name)))]
+    pub fit: Option<String>,
     /// Minimise Huber's loss in place of squares: residuals beyond N newtons get less weight.
     #[arg(long, value_name = "N")]
     pub huber: Option<f64>,
@@ -170,7 +174,10 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         (false, true, false) => Form::Fuzzy,
         (false, false, false) => Form::SemiActive,
     };
-    let spec = ModelSpec::named(&args.model, form)?;
+    let mut spec = ModelSpec::named(&args.model, form)?;
+    if let Some(fit) = args.fit.as_deref().and_then(Variant::named) {
+        spec = spec.with_variant(fit)?;
+    }
     let mut found = fit(spec, &runs, args, context)?;
     let seconds = start.elapsed().as_secs_f64();
     let held_out = args

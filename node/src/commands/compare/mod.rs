@@ -62,6 +62,10 @@ pub struct Args {
     /// Experiments to take, by name in any case; by default all.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub experiments: Vec<String>,
+    /// Degree of the polynomials over the drive, for force laws, lpv and p. Laws that their publication makes linear in the
+    /// drive are also compared in that form (kwok/linear).
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=5))]
+    pub degree: u8,
     /// Random starting points of a nonlinear fit.
     #[arg(long, value_name = "N", default_value_t = 25)]
     pub restarts: u32,
@@ -160,6 +164,7 @@ fn prepare(args: &Args, context: &CliContext) -> Result<ComparisonPlan, NodeErro
         conditioning: args.conditioning.conditioning(FilterArg::Inputs, VelocityArg::Backward)?,
         choose_velocity: false,
         dataset: args.conditioning.dataset(),
+        degree: usize::from(args.degree),
         most_rows: Some(args.most_rows),
         restarts: args.restarts,
         seed: args.seed,
@@ -195,7 +200,12 @@ fn specs(args: &Args) -> Result<Vec<ModelSpec>, CompareError> {
             && (!passive || !args.semi_active_only)
             && (!dear || args.free_sets)
     };
-    let specs: Vec<ModelSpec> = ModelSpec::all().into_iter().filter(is_selected).collect();
+    let with_variants = |spec: ModelSpec| {
+        let variants = spec.variants().iter().filter_map(move |variant| spec.with_variant(*variant).ok());
+        std::iter::once(spec).chain(variants)
+    };
+    let specs: Vec<ModelSpec> =
+        ModelSpec::all().into_iter().filter(is_selected).flat_map(with_variants).collect();
     if specs.is_empty() {
         let form = if args.passive_only { OnlyForm::Passive } else { OnlyForm::SemiActive };
         return Err(CompareError::NoForm { models: args.models.clone(), form });
@@ -248,7 +258,7 @@ fn compute_cells(
         if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
-        bar.set_message(format!("{} ({})", cell.spec.structure().name(), cell.spec.form().name()));
+        bar.set_message(format!("{} ({})", cell.spec.label(), cell.spec.form().name()));
         let line = compute_cell(work, cell, key, context)?;
         state.add(&line)?;
         bar.set_prefix(left.after(index, line.seconds));

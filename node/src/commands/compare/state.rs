@@ -92,7 +92,7 @@ impl CellKeys {
 
     /// The key of `spec` trained on `experiment`.
     pub(super) fn key(&self, spec: ModelSpec, experiment: &str) -> String {
-        let what = format!("{self:?} {} {} {experiment}", spec.structure().name(), spec.form().name());
+        let what = format!("{self:?} {} {} {experiment}", spec.label(), spec.form().name());
         Sha256::digest(what).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 }
