@@ -94,8 +94,8 @@ pub enum Error {
     },
     /// A preset is a phase-transition relation, which relates force to motion but cannot run as a model.
     #[error(
-        "{name} cannot run as a model: it computes the force from the measured force of the same instant{}. `mr-damper compare` shows \
-         how well p holds on runs; the most similar preset that runs is {nearest}", because(why.as_deref(), *drive)
+        "{name} cannot run as a model: it computes the force from the measured force of the same instant{}. `mr-damper evaluate` \
+         and `compare` show how well p holds on runs with measured force; the most similar preset that runs is {nearest}", because(why.as_deref(), *drive)
     )]
     PhaseRelation {
         /// The requested name.

@@ -71,7 +71,7 @@ pub use crate::force::Form;
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
 pub use options::{Loss, Options, Placement};
-pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase, score_phase};
+pub use phase::{IdentifiedPhase, PhaseOptions, explained_n, identify_phase, score_phase};
 pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
 pub(crate) use scales::Scales;
 pub(crate) use score::check as check_runs;

@@ -147,8 +147,19 @@ pub fn score_phase(phase: &Phase, dataset: &Dataset, options: &PhaseOptions) -> 
     Ok(sum.fit().filter(|fit| fit.rsse_n.is_finite()))
 }
 
+/// The force in newtons by which `phase` explains each counted row of `dataset` that has force on both sides, with the index of the row.
+/// The mean force of the run, which the relation leaves out, is added. The drive of the run must be that of the relation.
+#[must_use]
+pub fn explained_n(phase: &Phase, dataset: &Dataset, options: &PhaseOptions) -> Vec<(usize, f64)> {
+    let mean_n = mean_force(dataset);
+    let force_n = |at: &Instant| mean_n + phase.same_instant_n(at.velocity_m_s, &at.force, at.drive);
+    instants(dataset, mean_n, options.reach_s, 1).iter().map(|at| (at.index, force_n(at))).collect()
+}
+
 /// A row that is used.
 struct Instant {
+    /// Its place in the dataset.
+    index: usize,
     velocity_m_s: f64,
     drive: f64,
     force: ForceMotion,
@@ -235,7 +246,7 @@ fn instants(dataset: &Dataset, offset_n: f64, reach_s: f64, copies: usize) -> Ve
             rate_n_s: (before * after_s + after * before_s) / span_s,
             curvature_n_s2: 2.0 * (after - before) / span_s,
         };
-        let instant = Instant { velocity_m_s: rows[k].velocity_m_s, drive: rows[k].drive, force };
+        let instant = Instant { index: k, velocity_m_s: rows[k].velocity_m_s, drive: rows[k].drive, force };
         if instant.row(copies).iter().all(|v| v.is_finite()) {
             found.push(instant);
         }

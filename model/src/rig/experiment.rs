@@ -8,6 +8,11 @@
 //! deviation of the thesis' runs, see [`super::Plant`]. The first paper gives signals, replicates, a band (0.5 to 14.5 Hz), a range
 //! (40 mm) and currents up to 4 A; the rest is chosen here. The plant is calibrated up to 2.5 A and extrapolates above.
 //!
+//! Experiments 6 to 10 of the first paper have seven replicates and a constant current whose value is not printed. This allows two
+//! readings: seven runs at one current, or one run at each of seven currents. The second is the default, because the second paper
+//! counts its own seven "replicates" in this way (one for each current step), and because the other experiments of the first paper
+//! step through seven currents. With a current of their own (`simulate --current 1.2`) all replicates have the same one.
+//!
 //! Source: `[thesis]` and `[thesis-paper1]` in the bibliography (node/docs/guide/bibliography.md), table 3.2 of the thesis and table II
 //! of the first paper.
 
@@ -28,6 +33,8 @@ pub struct Experiment {
     pub current: Current,
     /// Duration in seconds.
     pub duration_s: f64,
+    /// Currents of the replicates in turn, A, in place of the constant `current`; empty if all replicates have the same.
+    pub replicate_currents_a: Vec<f64>,
     /// Number of replicates in the source.
     pub replicates: u32,
     /// Dynamics of the actuator behind its set point; `None` if the actuator follows `displacement` exactly.
@@ -68,15 +75,18 @@ const PAPER1: [PaperRow; 10] = [
     ("paper1-10", PAPER_ROAD, || PAPER_CONSTANT, 7),
 ];
 
-/// Seven levels of equal duration, up to the first paper's 4 A.
+/// Seven levels, up to the first paper's 4 A.
+const PAPER_LEVELS_A: [f64; 7] = [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0];
+
+/// The levels with equal duration.
 fn paper_steps() -> Current {
-    Current::Stepped { levels_a: vec![0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0] }
+    Current::Stepped { levels_a: PAPER_LEVELS_A.to_vec() }
 }
 
 const PAPER_ICPS: Current = Current::Icps { low_a: 0.0, high_a: 4.0, hold_s: 0.2 };
 const PAPER_APRBS: Current =
     Current::Aprbs { low_a: 0.0, high_a: 4.0, mean_a: 2.0, deviation_a: 0.8, hold_probability: 0.99 };
-const PAPER_CONSTANT: Current = Current::Constant { current_a: 1.2 };
+const PAPER_CONSTANT: Current = Current::Constant { current_a: PAPER_LEVELS_A[0] };
 const AM: Displacement = Displacement::Wave(Wave::AmplitudeModulated {
     amplitude_m: 0.02,
     depth: 0.8,
@@ -131,14 +141,26 @@ impl Experiment {
             PAPER1.iter().find(|row| row.0.eq_ignore_ascii_case(name))?;
         let current = current();
         let duration_s = if matches!(current, Current::Stepped { .. }) { 210.0 } else { 30.0 };
-        Some(Self { replicates, ..Self::new(name, displacement, current, duration_s) })
+        let constant = matches!(current, Current::Constant { .. });
+        let replicate_currents_a = if constant { PAPER_LEVELS_A.to_vec() } else { Vec::new() };
+        Some(Self { replicates, replicate_currents_a, ..Self::new(name, displacement, current, duration_s) })
     }
 
     /// One run of `duration_s` seconds with an ideal actuator.
     #[must_use]
     pub fn new(name: &str, displacement: Displacement, current: Current, duration_s: f64) -> Self {
         let name = name.to_owned();
-        Self { name, displacement, current, duration_s, replicates: 1, servo: None, pattern: None }
+        let replicate_currents_a = Vec::new();
+        Self {
+            name,
+            displacement,
+            current,
+            duration_s,
+            replicate_currents_a,
+            replicates: 1,
+            servo: None,
+            pattern: None,
+        }
     }
 
     /// A sine with a constant current, for maps of force over velocity.
@@ -167,6 +189,16 @@ impl Experiment {
     #[must_use]
     pub fn with_duration_s(self, duration_s: f64) -> Self {
         Self { duration_s, ..self }
+    }
+
+    /// This experiment with the same constant current in A in all replicates; unchanged if its current is not constant.
+    #[must_use]
+    pub fn with_constant_current_a(mut self, current_a: f64) -> Self {
+        if let Current::Constant { current_a: own } = &mut self.current {
+            *own = current_a;
+            self.replicate_currents_a.clear();
+        }
+        self
     }
 
     /// This experiment with its excitation fixed by the seed `pattern`; see [`Experiment::pattern`].
@@ -206,8 +238,10 @@ impl Experiment {
             }
             Displacement::Road(_) => {}
         }
-        if let Current::Constant { current_a } = self.current {
-            Error::check("current_a", current_a, "0 to 5 A", |i| (0.0..=5.0).contains(&i))?;
+        let constant =
+            if let Current::Constant { current_a } = self.current { Some(current_a) } else { None };
+        for current_a in constant.iter().chain(&self.replicate_currents_a) {
+            Error::check("current_a", *current_a, "0 to 5 A", |i| (0.0..=5.0).contains(&i))?;
         }
         self.servo.map_or(Ok(()), |servo| servo.check())
     }

@@ -103,7 +103,7 @@ pub const EFFECTS: &[Effect] = &[
         unit: "N/m",
         range: (0.0, 5e4),
         typical: 6e3,
-        what: "stiffness of the gas; its force at rest is 0.025 m times that",
+        what: "stiffness of the gas, which pushes the rod out at rest with 0.025 m times that",
         entry: Entry::Plant(|plant, size| {
             (plant.gas_stiffness_n_m, plant.gas_force_n) = (size, GAS_STROKE_M * size);
         }),

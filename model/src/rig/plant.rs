@@ -4,7 +4,7 @@
 //! valve     Fv = ks (x - s) = c1 y'                                     (0 while |x - s| < g/2)
 //!           w  = s' - y' = (Fv - a z - k0 (s - y)) / c0
 //!           z' = w - |w| z |z|^(n-1) (1 - b) / d^n - b w |z|^n / d^n,        a = Fy / d
-//! rod       Fr = Fv + f0 + kg x + Fc tanh(v / vs) + added + m v' + ke max(0, |x| - xe) sign x
+//! rod       Fr = Fv - f0 + kg x + Fc tanh(v / vs) + added + m v' + ke max(0, |x| - xe) sign x
 //!           tf F' = Fr - F
 //! coil      td i_d' = i_c - i_d,       tau i_e' = i_d - i_e    (tau: rise when i_d > i_e, else fall)
 //! core      i_m follows i_e with a play of +-w;      fluid     tl i' = i_m - i
@@ -25,7 +25,7 @@
 //! | T | temperature of fluid and case, as one thermal mass (°C) |
 //!
 //! Source: Spencer et al. 1997 (thesis 2.2). In its symbols, with A = 1: alpha = Fy/d, beta = b/d^n, gamma = (1 - b)/d^n, so z
-//! saturates at d and alpha z at the yield force Fy. Its accumulator k1 (x - x0) is the gas spring f0 + kg x here, which acts on the rod
+//! saturates at d and alpha z at the yield force Fy. Its accumulator k1 (x - x0) is the gas spring -f0 + kg x here: the gas pushes the rod out, so that it takes a pressure f0 to hold the rod at x = 0. It acts on the rod
 //! in parallel with the valve. The valve can be replaced by [`super::quasi_static`] or [`super::bristle`]; everything around it stays the same. The compliance
 //! ks of fluid and mounting is in series with the valve. The dependence of the parameters on current is chosen here. The default has no
 //! play, friction, gas spring, fluid lag or any other effect whose parameter is 0 in [`Plant::default`]: these can be injected
@@ -135,7 +135,7 @@ pub struct Plant {
     pub sharpness: i32,
     /// Stiffness ks in series with the valve, in N/m; the quasi-static valve's may be infinite.
     pub series_stiffness_n_m: f64,
-    /// Gas force f0 in newtons.
+    /// Force f0 in newtons with which the gas pushes the rod out (extension) at x = 0.
     pub gas_force_n: f64,
     /// Stiffness kg of the gas spring in N/m.
     pub gas_stiffness_n_m: f64,
@@ -328,7 +328,8 @@ impl Plant {
         Self { friction_n, ..self }
     }
 
-    /// This plant with a gas spring of `force_n` newtons and `stiffness_n_m` N/m.
+    /// This plant with gas that pushes the rod out with `force_n` newtons at x = 0, and with `stiffness_n_m` N/m less for each
+    /// metre of extension.
     #[must_use]
     pub fn with_gas_spring(self, force_n: f64, stiffness_n_m: f64) -> Self {
         Self { gas_force_n: force_n, gas_stiffness_n_m: stiffness_n_m, ..self }
@@ -466,8 +467,7 @@ impl Plant {
             ValveForm::BoucWen | ValveForm::Bristle(_) => self.spring_n(x_m - state.behind_compliance_m),
             ValveForm::QuasiStatic(form) => self.quasi_static_n(&form, state, x_m, v_m_s),
         };
-        self.undeclared.transmitted_n(valve_n, &state.undeclared)
-            + self.gas_force_n
+        self.undeclared.transmitted_n(valve_n, &state.undeclared) - self.gas_force_n
             + self.gas_stiffness_n_m * x_m
             + self.friction_n * (v_m_s / self.friction_velocity_m_s).tanh()
             + self.added_forces.at(state, x_m, v_m_s)

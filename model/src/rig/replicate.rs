@@ -52,7 +52,8 @@ pub fn seed(name: &str, number: u32, set: u64) -> u64 {
 }
 
 impl Experiment {
-    /// Replicate `number` (from 1) in the set with the seed `set`: the experiment with its pattern fixed, and the seed to record it with.
+    /// Replicate `number` (from 1) in the set with the seed `set`: the experiment with its pattern and current fixed, and the seed to
+    /// record it with.
     /// The first replicate is the same for both kinds of `pattern`.
     #[must_use]
     pub fn replicate(&self, number: u32, set: u64, pattern: Pattern) -> (Self, u64) {
@@ -61,7 +62,12 @@ impl Experiment {
             Pattern::New => seed_of(number),
             Pattern::Same => seed_of(1),
         };
-        (self.clone().with_pattern(excitation), seed_of(number))
+        let mut one = self.clone().with_pattern(excitation);
+        let turn = number.saturating_sub(1) as usize;
+        if let Some(current_a) = self.replicate_currents_a.iter().cycle().nth(turn) {
+            one = one.with_constant_current_a(*current_a);
+        }
+        (one, seed_of(number))
     }
 }
 
@@ -125,7 +131,7 @@ impl Default for Drift {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::record;
+    use crate::rig::{Current, record};
     use std::collections::HashSet;
 
     #[test]
@@ -156,6 +162,17 @@ mod tests {
             assert_eq!(drive(1, Pattern::Same), drive(2, Pattern::Same));
             assert_ne!(drive(1, Pattern::New), drive(2, Pattern::New));
         }
+    }
+
+    #[test]
+    fn constant_currents_of_the_first_paper_are_seven_or_one() {
+        let plan = Experiment::paper1("paper1-6").expect("an experiment of the first paper");
+        let levels = |plan: &Experiment| -> Vec<Current> {
+            (1..=plan.replicates).map(|k| plan.replicate(k, 0, Pattern::Same).0.current).collect()
+        };
+        let constant = |current_a| Current::Constant { current_a };
+        assert_eq!(levels(&plan), [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0].map(constant));
+        assert_eq!(levels(&plan.with_constant_current_a(1.2)), [1.2; 7].map(constant));
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! `mr-damper evaluate`: reports how well a model predicts recorded runs.
 
+mod relation;
+
 use crate::commands::context::CliContext;
 use crate::commands::output;
 use crate::commands::run_args::RunArgs;
@@ -24,6 +26,9 @@ use std::path::PathBuf;
 ///
 /// All samples with a measured force count, also those at rest, as in live use; identify and compare count the moving
 /// part. Runs that the model was made with are marked, and the total leaves them out.
+///
+/// A relation p (a preset thesis/p-...) needs runs with measured force. It is not a prediction: the table shows how well it
+/// explains the measured force of an instant by the same force and its derivatives.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model file, or preset.
@@ -115,6 +120,9 @@ fn pooled(fits: impl Iterator<Item = Option<Fit>>) -> Option<Fit> {
 /// # Errors
 /// When the model or a run does not load, or they do not fit together.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    if let Some(relation) = relation::named(&args.model) {
+        return relation::run(args, &relation, context);
+    }
     let mut file = models::load_whole(&args.model)?;
     let model = file.model;
     let mut calibrator = Calibrator::new(model);

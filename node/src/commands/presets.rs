@@ -1,15 +1,20 @@
 //! `mr-damper presets`: lists the built-in models.
 
-use crate::settings::error::NodeError;
-use mr_damper_model::force::ForceModel;
+use crate::settings::error::{NodeError, PartError};
+use mr_damper_model::force::{ForceModel, PHASE_NAMES, PHASE_PARAMETERS, Phase};
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::preset;
+use serde::Serialize;
+use std::collections::BTreeMap;
 use std::io::Write;
 
 /// List the built-in models, or print one as a model file.
+///
+/// The relations p (thesis/p-passive/..., thesis/p-semi-active/...) explain measured force by itself and cannot run as
+/// models. They are printed as tables of coefficients; `mr-damper evaluate` says how well one holds on runs.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Preset to print as a model file, e.g. thesis/fuzzy-tanh/rp3-cs.
+    /// Preset to print, e.g. thesis/fuzzy-tanh/rp3-cs.
     name: Option<String>,
 }
 
@@ -20,6 +25,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), NodeError> {
     let mut out = std::io::stdout().lock();
     let written = match &args.name {
+        Some(name) if preset::phase_names().contains(name) => {
+            out.write_all(relation(name, &preset::phase(name)?)?.as_bytes())
+        }
         Some(name) => {
             let provenance = Provenance {
                 tool: format!("mr-damper {}, preset {name}", env!("CARGO_PKG_VERSION")),
@@ -56,5 +64,50 @@ fn list(out: &mut impl Write) -> Result<std::io::Result<()>, NodeError> {
             return Ok(line);
         }
     }
+    for name in preset::phase_names() {
+        let line = writeln!(out, "{name:<34} {:<16} relation p: not a model that runs", "");
+        if line.is_err() {
+            return Ok(line);
+        }
+    }
     Ok(Ok(()))
+}
+
+/// A relation p as a table of its coefficients in SI units.
+#[derive(Debug, Serialize)]
+struct RelationTable {
+    schema: &'static str,
+    relation: &'static str,
+    equation: &'static str,
+    /// Unit-suffixed name of the drive.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    drive: Option<&'static str>,
+    /// Coefficients of 1, drive, drive² of each parameter.
+    parameters: BTreeMap<&'static str, Vec<f64>>,
+}
+
+/// The table cannot be serialised.
+#[derive(Debug, thiserror::Error)]
+#[error("the relation cannot be written as TOML: {0}")]
+struct UnwritableRelation(#[source] toml::ser::Error);
+
+impl PartError for UnwritableRelation {}
+
+/// The relation called `name` as TOML.
+fn relation(name: &str, phase: &Phase) -> Result<String, NodeError> {
+    let (copies, _) = phase.coefficients().as_chunks::<PHASE_PARAMETERS>();
+    let table = RelationTable {
+        schema: "mr-damper/relation/1",
+        relation: "p",
+        equation: "F = p1 v + p2 F' + p3 F'' + p4 F^3 + p5 F^5",
+        drive: phase.drive().map(|drive| drive.name()),
+        parameters: (0..PHASE_PARAMETERS)
+            .map(|j| (PHASE_NAMES[j], copies.iter().map(|copy| copy[j]).collect()))
+            .collect(),
+    };
+    let text = toml::to_string(&table).map_err(UnwritableRelation)?;
+    Ok(format!(
+        "# {name}: a relation, which cannot run as a model. Parameters p1 to p5 in this order: {}.\n{text}",
+        PHASE_NAMES.join(", ")
+    ))
 }

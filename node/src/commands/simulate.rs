@@ -88,7 +88,8 @@ pub struct Args {
     /// Frequency at the end of a chirp (by default 14.5 Hz).
     #[arg(long, value_name = "HZ")]
     to_frequency: Option<f64>,
-    /// Current of an experiment with a constant current (by default 1.2 A).
+    /// Current of an experiment with a constant current (by default 1.2 A; the replicates of paper1-6 to paper1-10 have seven
+    /// currents by default).
     #[arg(long, value_name = "A")]
     current: Option<f64>,
     /// File format of the runs.

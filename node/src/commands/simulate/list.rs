@@ -59,6 +59,7 @@ fn displacement(experiment: &Experiment) -> &'static str {
 
 fn current(experiment: &Experiment) -> &'static str {
     match experiment.current {
+        Current::Constant { .. } if !experiment.replicate_currents_a.is_empty() => "seven",
         Current::Constant { .. } => "constant",
         Current::Stepped { .. } => "stepped",
         Current::Icps { .. } => "ICPS",

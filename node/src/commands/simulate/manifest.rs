@@ -51,7 +51,7 @@ pub(super) struct Entry {
     /// `--to-frequency`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) to_frequency_hz: Option<f64>,
-    /// `--current`.
+    /// The constant current.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) current_a: Option<f64>,
     /// `--plain`.

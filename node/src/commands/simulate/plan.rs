@@ -151,11 +151,12 @@ fn refuse_unused(args: &Args, selection: &Selection, experiments: &[Experiment])
 }
 
 /// The experiment with the changes from flags and with the servo of the rig.
-fn adjusted(mut experiment: Experiment, args: &Args) -> Experiment {
-    if let (Some(current), Current::Constant { current_a }) = (args.current, &mut experiment.current) {
-        *current_a = current;
-    }
+fn adjusted(experiment: Experiment, args: &Args) -> Experiment {
     let duration_s = args.duration.unwrap_or(experiment.duration_s);
+    let experiment = match args.current {
+        Some(current_a) => experiment.with_constant_current_a(current_a),
+        None => experiment,
+    };
     experiment.with_duration_s(duration_s).with_servo(SecondOrder::SERVO)
 }
 
@@ -185,7 +186,10 @@ fn job(args: &Args, experiment: &Experiment, replicate: u32, plant: Plant, chann
         amplitude_m: args.amplitude,
         frequency_hz: args.frequency,
         to_frequency_hz: args.to_frequency,
-        current_a: args.current,
+        current_a: match experiment.current {
+            Current::Constant { current_a } => Some(current_a),
+            _ => None,
+        },
         plain: args.plain,
         steady: args.steady,
         perfect: args.perfect,
