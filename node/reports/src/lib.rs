@@ -2,7 +2,7 @@
 //!
 //! [`plot`], [`box_plot`] and [`scatter`] draw, [`page`] makes the page and [`table`] its tables; these modules know nothing
 //! about dampers. One module per report combines them: [`demo`], [`identify`], [`compare`], [`inverse`],
-//! [`diagnosis`]. [`augmented_file`] makes the model file of a diagnosis.
+//! [`reproduction`], [`diagnosis`]. [`augmented_file`] makes the model file of a diagnosis.
 //!
 //! This crate knows neither files nor ROS nor Zenoh: it takes results as arguments and returns text.
 
@@ -22,6 +22,7 @@ pub mod page;
 mod panels;
 pub mod plot;
 pub mod recording;
+pub mod reproduction;
 mod scale;
 pub mod scatter;
 pub mod summary;

@@ -4,7 +4,7 @@ use crate::commands::context::CliContext;
 use crate::commands::logging::{self, LogFormat, Outputs};
 use crate::commands::{
     close, compare, convert, demo, doctor, evaluate, fis, identify, inverse, node, presets, record, replay,
-    serve, simulate, top,
+    reproduce, serve, simulate, top,
 };
 use crate::settings::config::RosArgs;
 use crate::settings::error::NodeError;
@@ -41,6 +41,7 @@ enum Command {
     Simulate(simulate::Args),
     Identify(identify::Args),
     Compare(compare::Args),
+    Reproduce(reproduce::Args),
     Evaluate(evaluate::Args),
     Close(close::Args),
     Inverse(inverse::Args),
@@ -71,6 +72,7 @@ impl Command {
             Self::Simulate(_) => "simulate",
             Self::Identify(_) => "identify",
             Self::Compare(_) => "compare",
+            Self::Reproduce(_) => "reproduce",
             Self::Evaluate(_) => "evaluate",
             Self::Close(args) if !args.live.live => "close",
             Self::Inverse(_) => "inverse",
@@ -152,6 +154,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Simulate(args) => simulate::run(&args, &context),
         Command::Identify(args) => identify::run(&args, &context),
         Command::Compare(args) => compare::run(&args, &context),
+        Command::Reproduce(args) => reproduce::run(&args, &context),
         Command::Evaluate(args) => evaluate::run(&args, &context),
         Command::Close(args) => close::run(&args, &context),
         Command::Inverse(args) => inverse::run(&args, &context),

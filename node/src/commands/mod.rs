@@ -21,6 +21,7 @@ pub mod presets;
 pub(crate) mod progress;
 pub mod record;
 pub mod replay;
+pub mod reproduce;
 pub mod run_args;
 pub mod serve;
 pub mod simulate;

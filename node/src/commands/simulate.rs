@@ -10,9 +10,9 @@ use crate::settings::interrupt::Interrupt;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use manifest::Manifest;
 use mr_damper_base::shown;
-use mr_damper_model::rig;
 use mr_damper_runs::SaveOptions;
-use plan::{EffectArg, Job, Selection};
+use plan::EffectArg;
+pub(super) use plan::{Job, Selection};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -109,6 +109,39 @@ enum Format {
     Mcap,
 }
 
+/// The runs of the experiments of `selection` as `simulate` plans them by default, with the rig's `seed`, and with another duration in
+/// seconds if it is given.
+///
+/// # Errors
+/// When the duration is not valid.
+pub(super) fn rig_jobs(
+    selection: &Selection,
+    seed: u64,
+    duration_s: Option<f64>,
+) -> Result<Vec<Job>, NodeError> {
+    let args = Args {
+        experiment: Some(selection.clone()),
+        out: None,
+        list: false,
+        replicates: None,
+        seed,
+        effect: Vec::new(),
+        plain: false,
+        same_pattern: false,
+        steady: false,
+        perfect: false,
+        force_noise: None,
+        duration: duration_s,
+        amplitude: None,
+        frequency: None,
+        to_frequency: None,
+        current: None,
+        format: Format::Csv,
+        force: false,
+    };
+    plan::jobs(&args, selection)
+}
+
 /// Simulates the runs and writes them.
 ///
 /// # Errors
@@ -195,16 +228,12 @@ fn simulate(
     done_ms: &AtomicU64,
 ) -> Result<(), NodeError> {
     let mut before = 0;
-    let mut go_on = |done_s: f64| {
+    let mut progress = |done_s: f64| {
         let now = (done_s * 1e3) as u64;
         done_ms.fetch_add(now - before, Ordering::Relaxed);
         before = now;
-        !interrupt.is_raised()
     };
-    let (experiment, seed) = (&job.experiment, job.entry.run_seed);
-    let run = rig::record_while(experiment, &job.plant, &job.channels, seed, &mut go_on)
-        .filter(|_| !interrupt.is_raised())
-        .ok_or(NodeError::Interrupted)?;
+    let run = job.record(interrupt, &mut progress).ok_or(NodeError::Interrupted)?;
     let path = dir.join(&job.entry.file);
     let options = SaveOptions::default();
     if !force || !path.exists() {

@@ -274,28 +274,30 @@ fn series(picture: &ForcePlot, shape: Shape) -> Vec<Series> {
     std::iter::once(measured).chain(models).collect()
 }
 
-fn force_time(outcome: &CompareOutcome<'_>) -> Markup {
-    let plot = |picture: &ForcePlot| Plot {
+/// The plot of a picture of force over time.
+#[must_use]
+pub fn force_time_plot(picture: &ForcePlot) -> Plot {
+    Plot {
         description: picture.title.clone(),
         x_label: "time, s".to_owned(),
         y_label: "force, N".to_owned(),
         height: 280.0,
         series: series(picture, Shape::Line),
         ..Plot::default()
-    };
+    }
+}
+
+fn force_time(outcome: &CompareOutcome<'_>) -> Markup {
     html! {
-        @for picture in &outcome.force_time { (plot(picture).figure(&picture.title)) }
+        @for picture in &outcome.force_time { (force_time_plot(picture).figure(&picture.title)) }
         @if outcome.force_time.is_empty() { p { "No model could be simulated on these runs." } }
     }
 }
 
-fn force_velocity(outcome: &CompareOutcome<'_>) -> Markup {
-    let all = || {
-        outcome
-            .force_velocity
-            .iter()
-            .flat_map(|p| p.models.iter().flat_map(|m| &m.lines).chain([&p.measured]))
-    };
+/// The plots of pictures of force over velocity, with the same axes, each with its title.
+#[must_use]
+pub fn force_velocity_plots(pictures: &[ForcePlot]) -> Vec<(String, Plot)> {
+    let all = || pictures.iter().flat_map(|p| p.models.iter().flat_map(|m| &m.lines).chain([&p.measured]));
     let bound = |pick: fn(&(f64, f64)) -> f64| {
         all().flatten().map(|p| pick(p).abs()).filter(|v| v.is_finite()).fold(0.0, f64::max) * 1.03
     };
@@ -310,10 +312,14 @@ fn force_velocity(outcome: &CompareOutcome<'_>) -> Markup {
         series: series(picture, Shape::Dots),
         ..Plot::default()
     };
+    pictures.iter().map(|picture| (picture.title.clone(), plot(picture))).collect()
+}
+
+fn force_velocity(outcome: &CompareOutcome<'_>) -> Markup {
     html! {
         p { (outcome.force_velocity_caption) }
-        @for pair in outcome.force_velocity.chunks(2) {
-            div.pair { @for picture in pair { (plot(picture).figure(&picture.title)) } }
+        @for pair in force_velocity_plots(&outcome.force_velocity).chunks(2) {
+            div.pair { @for (title, plot) in pair { (plot.figure(title)) } }
         }
     }
 }

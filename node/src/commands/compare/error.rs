@@ -20,6 +20,23 @@ pub(super) enum CompareError {
         /// The form.
         form: OnlyForm,
     },
+    /// More models are asked for than a picture can show.
+    #[error("--pictures names {found} models: a picture shows at most {most}")]
+    TooManyPictures {
+        /// Number of models that are named.
+        found: usize,
+        /// Number of models in a picture.
+        most: usize,
+    },
+    /// A picture is asked for that no compared model has.
+    #[error(
+        "--pictures {picture}: no model of this comparison is drawn so; give names of compared models, and :one-step only for a model \
+         that predicts from measured force (arx, savaresi, lpv, networks)"
+    )]
+    NoPicture {
+        /// The picture as given.
+        picture: String,
+    },
     /// No experiment has this name.
     #[error("there is no experiment {name} in the folder; there are {}", known.join(", "))]
     UnknownExperiment {

@@ -1,12 +1,13 @@
 //! `mr-damper compare`: identifies every model on every experiment and tests it on all others.
 
+pub(super) mod drawn;
 mod error;
 mod output;
-mod pictures;
-mod runs;
-mod state;
+pub(super) mod pictures;
+pub(super) mod runs;
+pub(super) mod state;
 mod tables;
-mod work;
+pub(super) mod work;
 
 use crate::commands::conditioning::{ConditioningArgs, FilterArg, VelocityArg};
 use crate::commands::context::CliContext;
@@ -21,6 +22,7 @@ use mr_damper_model::compare::{self, Cell, Experiment, Summary};
 use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch};
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_reports::compare::published::Published;
+use pictures::Picture;
 use runs::{PlannedExperiment, Source};
 use state::{CellKeys, FinishedCell, State};
 use std::collections::HashMap;
@@ -62,6 +64,11 @@ pub struct Args {
     /// Experiments to take, by name in any case; by default all.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub experiments: Vec<String>,
+    /// Models in the pictures of the report, at most three, such as fuzzy-tanh,arx:one-step; by default the best three in
+    /// simulation. Each is drawn as identified on its best experiment: in simulation, or one step ahead with
+    /// `:one-step`; p is drawn from the measured force of the same instant.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "report")]
+    pub pictures: Vec<Picture>,
     /// Degree of the polynomials over the drive, for force laws, lpv and p. Laws that their publication makes linear in the
     /// drive are also compared in that form (kwok/linear).
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=5))]
@@ -96,12 +103,17 @@ fn names() -> Vec<&'static str> {
 }
 
 /// The models, experiments and options of a comparison.
-struct ComparisonPlan {
-    specs: Vec<ModelSpec>,
-    experiments: Vec<Experiment>,
-    sources: Vec<Source>,
-    options: Options,
-    threads: usize,
+pub(super) struct ComparisonPlan {
+    /// The models.
+    pub(super) specs: Vec<ModelSpec>,
+    /// The experiments with their rows.
+    pub(super) experiments: Vec<Experiment>,
+    /// The origin of each run.
+    pub(super) sources: Vec<Source>,
+    /// Settings of the fits.
+    pub(super) options: Options,
+    /// Number of cells that are computed at the same time.
+    pub(super) threads: usize,
 }
 
 /// Compares the models and writes the results.
@@ -114,7 +126,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let work = prepare(args, context)?;
     let path = state_path(args);
     let state = State::open(&path)?;
-    let lines = match compute_cells(&work, &state, context) {
+    let cells = compare::cells(&work.specs, &work.experiments);
+    let lines = match compute_cells(&work, &cells, &state, context) {
         Err(NodeError::Interrupted) => {
             let text =
                 format!("finished work is kept in {}: the same command continues from there", path.display());
@@ -156,6 +169,7 @@ fn state_path(args: &Args) -> PathBuf {
 
 fn prepare(args: &Args, context: &CliContext) -> Result<ComparisonPlan, NodeError> {
     let specs = specs(args)?;
+    check_pictures(args, &specs)?;
     let planned = match &args.runs {
         Some(dir) => chosen(runs::discover(dir)?, &args.experiments)?,
         None => runs::given(&args.train, &args.test)?,
@@ -213,6 +227,18 @@ fn specs(args: &Args) -> Result<Vec<ModelSpec>, CompareError> {
     Ok(specs)
 }
 
+/// Refuses pictures of models that are not compared, and more than a plot can show.
+fn check_pictures(args: &Args, specs: &[ModelSpec]) -> Result<(), CompareError> {
+    let most = pictures::MODELS;
+    if args.pictures.len() > most {
+        return Err(CompareError::TooManyPictures { found: args.pictures.len(), most });
+    }
+    match args.pictures.iter().find(|picture| !specs.iter().any(|spec| picture.is_of(*spec))) {
+        Some(unknown) => Err(CompareError::NoPicture { picture: unknown.to_string() }),
+        None => Ok(()),
+    }
+}
+
 /// The requested experiments.
 fn chosen(planned: Vec<PlannedExperiment>, names: &[String]) -> Result<Vec<PlannedExperiment>, CompareError> {
     let known = |name: &String| planned.iter().any(|p| p.name.eq_ignore_ascii_case(name));
@@ -232,13 +258,16 @@ fn bar(context: &CliContext, length: usize, template: &str) -> ProgressBar {
     bar
 }
 
-/// Computes all cells, or takes them from `state`. The result is in the order of [`compare::cells`].
-fn compute_cells(
+/// Computes `cells`, or takes them from `state`. The result is in the same order.
+///
+/// # Errors
+/// When the state cannot be written; when interrupted.
+pub(super) fn compute_cells(
     work: &ComparisonPlan,
+    cells: &[Cell],
     state: &State,
     context: &CliContext,
 ) -> Result<Vec<FinishedCell>, NodeError> {
-    let cells = compare::cells(&work.specs, &work.experiments);
     let cell_keys = CellKeys::new(&work.options, &work.sources);
     let keys: Vec<String> =
         cells.iter().map(|cell| cell_keys.key(cell.spec, &work.experiments[cell.experiment].name)).collect();
@@ -247,7 +276,7 @@ fn compute_cells(
         tracing::info!(done = known, of = cells.len(), "continuing the work of an earlier call");
     }
     let bar = bar(context, cells.len(), "{msg} [{bar:40}] {pos}/{len}, {prefix} left");
-    let left = TimeLeft::new(&cells, &keys, state, work.threads);
+    let left = TimeLeft::new(cells, &keys, state, work.threads);
     bar.set_position(known as u64);
     bar.set_prefix("?");
     let one = |index: usize| -> Result<FinishedCell, NodeError> {

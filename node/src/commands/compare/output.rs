@@ -130,7 +130,10 @@ fn outcome<'a>(
             done.cells.iter().position(|c| c.model == model && c.form == form && c.trained_on == on)?;
         models[cell]
     };
-    let drawn = pictures::best(&done.summaries, find);
+    let drawn = match args.pictures.as_slice() {
+        [] => pictures::best(&done.summaries, find),
+        some => pictures::named(some, &done.summaries, (&work.experiments, work.options.degree), find),
+    };
     let (force_velocity, force_velocity_caption) = pictures::force_velocity(&work.experiments, &drawn);
     let rows: usize = work.experiments.iter().flat_map(|e| &e.replicates).map(|r| r.data.rows.len()).sum();
     let fact = |name: &str, value: String| (name.to_owned(), value);

@@ -1,18 +1,21 @@
-//! Plots of the report: the force of the best models and the measured force, over time and over velocity.
+//! Plots of the report: the force of a few models and the measured force, over time and over velocity.
 
+use super::drawn::Drawn;
 use mr_damper_model::compare::{Experiment, Predictor, Replicate, Summary};
 use mr_damper_model::effect::Augmented;
-use mr_damper_model::identify::{Dataset, MembershipSource, Memberships, Row, sum_of_free_run, walk};
+use mr_damper_model::identify::{
+    Dataset, Form, MembershipSource, Memberships, ModelSpec, PhaseOptions, Row, Watch, identify_phase,
+    sum_of_free_run,
+};
 use mr_damper_model::model::Model;
 use mr_damper_reports::compare::order::name;
 use mr_damper_reports::compare::{Curve, ForcePlot, StepTime};
 use mr_damper_reports::plot::binned_mean;
 use std::hint::black_box;
-use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Number of models in a plot.
-const MODELS: usize = 3;
+pub(super) const MODELS: usize = 3;
 /// Length of a plot over time, s.
 const TIME_S: f64 = 2.0;
 /// Number of currents for which force is plotted over velocity.
@@ -28,10 +31,75 @@ const TIMED_ROWS: usize = 20_480;
 /// Number of timing passes; their median counts.
 const PASSES: usize = 7;
 
-/// A model to draw.
-pub(super) struct Drawn {
-    name: String,
-    model: Model,
+/// A model to draw, and how: `NAME`, or `NAME:one-step`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Picture {
+    /// The model's name with its variant.
+    model: String,
+    one_step: bool,
+}
+
+impl std::str::FromStr for Picture {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (model, one_step) = match text.strip_suffix(":one-step") {
+            Some(model) => (model, true),
+            None => (text, false),
+        };
+        Ok(Self { model: model.to_owned(), one_step })
+    }
+}
+
+impl std::fmt::Display for Picture {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}{}", self.model, if self.one_step { ":one-step" } else { "" })
+    }
+}
+
+impl Picture {
+    /// True if `spec` can be drawn so.
+    pub(super) fn is_of(&self, spec: ModelSpec) -> bool {
+        spec.label() == self.model && (!self.one_step || spec.feeds_on_force())
+    }
+
+    /// The way in which the model computes force.
+    fn predictor(&self) -> Predictor {
+        match self.model.as_str() {
+            "p" => Predictor::SameInstant,
+            _ if self.one_step => Predictor::OneStep,
+            _ => Predictor::FreeRun,
+        }
+    }
+}
+
+/// The models that `pictures` names, each in its best form and as identified on its best experiment. `find` returns a model by name,
+/// form and training experiment; `degree` is that of the polynomials of p. A model without a finished test on all runs is left out.
+pub(super) fn named(
+    pictures: &[Picture],
+    summaries: &[Summary],
+    (experiments, degree): (&[Experiment], usize),
+    find: impl Fn(&str, &str, &str) -> Option<Model>,
+) -> Vec<Drawn> {
+    let one = |picture: &Picture| {
+        let predictor = picture.predictor();
+        let mut of =
+            summaries.iter().filter(|s| s.class.predictor == predictor && s.class.model == picture.model);
+        let (class, row) = of.find_map(|summary| Some((&summary.class, summary.best()?)))?;
+        let name = format!("{}, trained on {}", name(class), row.trained_on);
+        if predictor == Predictor::SameInstant {
+            // A comparison keeps no relation, but its fit is linear and quick.
+            let training = &experiments.iter().find(|e| e.name == row.trained_on)?.replicates.first()?.data;
+            let drive = training.drive.filter(|_| class.form != Form::Passive.name());
+            let options = PhaseOptions { drive, degree, ..PhaseOptions::default() };
+            let found = identify_phase(std::slice::from_ref(training), &options, &Watch::none()).ok()?;
+            return Some(Drawn::explained(name, found.phase));
+        }
+        let model = find(&class.model, &class.form, &row.trained_on)?;
+        let one_step = predictor == Predictor::OneStep;
+        Some(if one_step { Drawn::one_step(name, model) } else { Drawn::simulated(name, model) })
+    };
+    pictures.iter().filter_map(one).collect()
 }
 
 /// The best models in simulation, each as identified on its best experiment. `find` returns a model by name, form and
@@ -47,13 +115,13 @@ pub(super) fn best(summaries: &[Summary], find: impl Fn(&str, &str, &str) -> Opt
             return None;
         }
         seen.push(&class.model);
-        Some(Drawn { name: format!("{}, trained on {}", name(class), row.trained_on), model })
+        Some(Drawn::simulated(format!("{}, trained on {}", name(class), row.trained_on), model))
     });
     drawn.take(MODELS).collect()
 }
 
 /// Two seconds from the middle of the last replicate of the first and of the last experiment.
-pub(super) fn force_time(experiments: &[Experiment], drawn: &[Drawn]) -> Vec<ForcePlot> {
+pub(in crate::commands) fn force_time(experiments: &[Experiment], drawn: &[Drawn]) -> Vec<ForcePlot> {
     let mut chosen: Vec<&Experiment> = experiments.first().into_iter().chain(experiments.last()).collect();
     chosen.dedup_by(|a, b| a.name == b.name);
     let pictures = chosen.into_iter().filter_map(|experiment| {
@@ -64,10 +132,10 @@ pub(super) fn force_time(experiments: &[Experiment], drawn: &[Drawn]) -> Vec<For
         let seconds = |row: &Row| row.stamp.since(start).get();
         let measured = rows.iter().filter(|row| inside(row)).map(|row| (seconds(row), row.force_n)).collect();
         let curve = |drawn: &Drawn| Curve {
-            name: drawn.name.clone(),
-            lines: vec![predicted(drawn, &replicate.data, |row, force_n| {
-                inside(row).then(|| (seconds(row), force_n))
-            })],
+            name: drawn.name().to_owned(),
+            lines: vec![
+                drawn.points(&replicate.data, |row, force_n| inside(row).then(|| (seconds(row), force_n))),
+            ],
         };
         let title = format!("{}, replicate {}", experiment.name, replicate.number);
         Some(ForcePlot { title, measured, models: drawn.iter().map(curve).collect() })
@@ -75,26 +143,12 @@ pub(super) fn force_time(experiments: &[Experiment], drawn: &[Drawn]) -> Vec<For
     if drawn.is_empty() { Vec::new() } else { pictures.collect() }
 }
 
-/// Simulates the model and returns the points that `pick` makes of the rows.
-fn predicted(
-    drawn: &Drawn,
-    data: &Dataset,
-    mut pick: impl FnMut(&Row, f64) -> Option<(f64, f64)>,
-) -> Vec<(f64, f64)> {
-    let mut points = Vec::new();
-    let suits = drawn.model.force.drive().is_none_or(|kind| data.drive == Some(kind));
-    if suits {
-        let _ = walk(&drawn.model.augmented(), data, |row, predicted| {
-            points.extend(pick(row, predicted.free_run_n));
-            ControlFlow::Continue(())
-        });
-    }
-    points
-}
-
 /// Force over velocity at up to six currents, and a caption. The currents are the levels of the experiment with the most
 /// current levels, or ranges of the current if no experiment has at least three levels.
-pub(super) fn force_velocity(experiments: &[Experiment], drawn: &[Drawn]) -> (Vec<ForcePlot>, String) {
+pub(in crate::commands) fn force_velocity(
+    experiments: &[Experiment],
+    drawn: &[Drawn],
+) -> (Vec<ForcePlot>, String) {
     let Some((experiment, replicate, ranges, stepped)) = currents(experiments) else {
         return (Vec::new(), String::new());
     };
@@ -106,12 +160,12 @@ pub(super) fn force_velocity(experiments: &[Experiment], drawn: &[Drawn]) -> (Ve
         let measured = rows.iter().step_by(every).map(|row| (row.velocity_m_s, row.force_n)).collect();
         let curve = |drawn: &Drawn| {
             let branch = |sign: f64| {
-                let points = predicted(drawn, &replicate.data, |row, force_n| {
+                let points = drawn.points(&replicate.data, |row, force_n| {
                     (inside(row) && sign * row.acceleration_m_s2 > 0.0).then_some((row.velocity_m_s, force_n))
                 });
                 binned_mean(&points, BINS, PER_BIN)
             };
-            Curve { name: drawn.name.clone(), lines: vec![branch(1.0), branch(-1.0)] }
+            Curve { name: drawn.name().to_owned(), lines: vec![branch(1.0), branch(-1.0)] }
         };
         let title = if stepped {
             format!("{:.1} {unit}", 0.5 * (low + high))

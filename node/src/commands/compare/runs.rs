@@ -17,24 +17,24 @@ const EXTENSIONS: [&str; 5] = ["csv", "tsv", "txt", "mcap", "db3"];
 
 /// The runs of one experiment, first replicate first.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct PlannedExperiment {
+pub(in crate::commands) struct PlannedExperiment {
     /// Its name.
-    pub(super) name: String,
+    pub(in crate::commands) name: String,
     /// Number and path of each replicate.
-    pub(super) replicates: Vec<(u32, PathBuf)>,
+    pub(in crate::commands) replicates: Vec<(u32, PathBuf)>,
     /// Number of training runs: the first so many replicates.
-    pub(super) training: usize,
+    pub(in crate::commands) training: usize,
 }
 
 /// The origin of a run.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Source {
+pub(in crate::commands) struct Source {
     /// Name of the experiment.
-    pub(super) experiment: String,
+    pub(in crate::commands) experiment: String,
     /// Number of the replicate.
-    pub(super) replicate: u32,
+    pub(in crate::commands) replicate: u32,
     /// SHA-256 of the file.
-    pub(super) sha256: String,
+    pub(in crate::commands) sha256: String,
 }
 
 /// Experiments in `dir`: run files that differ only in a trailing `-NN`, and sub-folders with run files. The experiments of
@@ -42,7 +42,7 @@ pub(super) struct Source {
 ///
 /// # Errors
 /// When the folder cannot be read or holds no run, or two runs have the same number.
-pub(super) fn discover(dir: &Path) -> Result<Vec<PlannedExperiment>, NodeError> {
+pub(in crate::commands) fn discover(dir: &Path) -> Result<Vec<PlannedExperiment>, NodeError> {
     let mut groups: BTreeMap<String, Vec<(Option<u32>, PathBuf)>> = BTreeMap::new();
     for path in entries(dir)? {
         if is_run(&path) {
@@ -77,7 +77,10 @@ pub(super) fn discover(dir: &Path) -> Result<Vec<PlannedExperiment>, NodeError> 
 ///
 /// # Errors
 /// When a run is given twice, in one list or in both.
-pub(super) fn given(train: &[PathBuf], test: &[PathBuf]) -> Result<Vec<PlannedExperiment>, NodeError> {
+pub(in crate::commands) fn given(
+    train: &[PathBuf],
+    test: &[PathBuf],
+) -> Result<Vec<PlannedExperiment>, NodeError> {
     let mut seen = BTreeSet::new();
     for path in train.iter().chain(test) {
         let whole = path.canonicalize().map_err(NodeError::io(format!("opening {}", path.display())))?;
@@ -162,7 +165,7 @@ fn name_and_number(path: &Path) -> (String, Option<u32>) {
 ///
 /// # Errors
 /// The error of the first run that does not load or cannot be conditioned; [`NodeError::Interrupted`].
-pub(super) fn load(
+pub(in crate::commands) fn load(
     planned: &[PlannedExperiment],
     read: &RunArgs,
     (conditioning, options): (&Conditioning, &DatasetOptions),

@@ -18,20 +18,20 @@ use std::sync::Mutex;
 
 /// A finished cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct FinishedCell {
+pub(in crate::commands) struct FinishedCell {
     /// Hash of everything that determines the figures.
-    pub(super) key: String,
+    pub(in crate::commands) key: String,
     /// Time of identification and tests, s.
-    pub(super) seconds: f64,
+    pub(in crate::commands) seconds: f64,
     /// The figures.
-    pub(super) cell: Finished,
+    pub(in crate::commands) cell: Finished,
     /// The model as a model file, if there is one.
-    pub(super) model: Option<String>,
+    pub(in crate::commands) model: Option<String>,
 }
 
 /// The file of finished cells.
 #[derive(Debug)]
-pub(super) struct State {
+pub(in crate::commands) struct State {
     path: PathBuf,
     known: HashMap<String, FinishedCell>,
     file: Mutex<File>,
@@ -42,7 +42,7 @@ impl State {
     ///
     /// # Errors
     /// When the file cannot be read or written.
-    pub(super) fn open(path: &Path) -> Result<Self, NodeError> {
+    pub(in crate::commands) fn open(path: &Path) -> Result<Self, NodeError> {
         let failed = |what: &str| NodeError::io(format!("{what} {}", path.display()));
         let text = match std::fs::read_to_string(path) {
             Ok(text) => text,

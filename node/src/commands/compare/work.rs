@@ -8,7 +8,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 ///
 /// These threads are not rayon's: an identification waits for its restarts in rayon's pool, and a waiting thread of the pool
 /// takes up other work. It would begin a second cell inside the first, and the first cell would report the time of both.
-pub(super) fn in_parallel<T: Send>(count: usize, threads: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
+pub(in crate::commands) fn in_parallel<T: Send>(
+    count: usize,
+    threads: usize,
+    work: impl Fn(usize) -> T + Sync,
+) -> Vec<T> {
     let next = AtomicUsize::new(0);
     let results: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
     let serve = || {

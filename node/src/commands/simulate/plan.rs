@@ -3,15 +3,17 @@
 use super::manifest::Entry;
 use super::{Args, Format};
 use crate::settings::error::NodeError;
+use crate::settings::interrupt::Interrupt;
 use mr_damper_base::provenance::TOOL;
 use mr_damper_model::rig::{
-    Channels, Current, Drift, Experiment, Pattern, Plant, SecondOrder, inject::inject,
+    self, Channels, Current, Drift, Experiment, Pattern, Plant, SecondOrder, inject::inject,
 };
+use mr_damper_model::sample::Run;
 use std::collections::BTreeMap;
 
 /// The experiments that `--experiment` selects.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Selection {
+pub(in crate::commands) enum Selection {
     /// The eight of the thesis.
     Thesis,
     /// The ten of the first paper.
@@ -31,12 +33,34 @@ pub(super) struct EffectArg {
 }
 
 /// One run to simulate.
-pub(super) struct Job {
-    pub(super) experiment: Experiment,
+pub(in crate::commands) struct Job {
+    pub(in crate::commands) experiment: Experiment,
     pub(super) plant: Plant,
     pub(super) channels: Channels,
     /// Its entry in the manifest, with its file name.
     pub(super) entry: Entry,
+}
+
+impl Job {
+    /// Number of the replicate, from 1.
+    pub(in crate::commands) const fn replicate(&self) -> u32 {
+        self.entry.replicate
+    }
+
+    /// Simulates the run, and calls `progress` with the seconds done once per second of the run. `None` when interrupted.
+    pub(in crate::commands) fn record(
+        &self,
+        interrupt: &Interrupt,
+        progress: &mut dyn FnMut(f64),
+    ) -> Option<Run> {
+        let mut go_on = |done_s: f64| {
+            progress(done_s);
+            !interrupt.is_raised()
+        };
+        let run =
+            rig::record_while(&self.experiment, &self.plant, &self.channels, self.entry.run_seed, &mut go_on);
+        run.filter(|_| !interrupt.is_raised())
+    }
 }
 
 /// All names that `--experiment` takes for one experiment.
