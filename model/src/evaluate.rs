@@ -202,14 +202,23 @@ pub fn evaluate_into(
 
 /// Checks that `run` has the channels that `model` needs, and a measured force.
 pub(crate) fn require_channels(model: &Model, run: &Run) -> Result<(), Error> {
-    let missing = |channel, needed_by: &str| Error::MissingChannel {
-        run: run.name.clone(),
-        channel,
-        needed_by: needed_by.to_owned(),
-    };
     if run.force_n.as_ref().is_none_or(crate::sample::Trace::is_empty) {
-        return Err(missing("force_n", "an evaluation"));
+        return Err(missing(run, "force_n", "an evaluation"));
     }
+    require_inputs(model, run)
+}
+
+/// The error for a run without `channel`.
+fn missing(run: &Run, channel: &'static str, needed_by: &str) -> Error {
+    Error::MissingChannel { run: run.name.clone(), channel, needed_by: needed_by.to_owned() }
+}
+
+/// Checks that `run` has the channels that `model` needs to compute a force.
+///
+/// # Errors
+/// [`Error::MissingChannel`] and [`Error::WrongDrive`].
+pub fn require_inputs(model: &Model, run: &Run) -> Result<(), Error> {
+    let missing = |channel, needed_by: &str| missing(run, channel, needed_by);
     if model.conditioning.velocity == crate::condition::VelocitySource::Measured && run.velocity_m_s.is_none()
     {
         return Err(missing("velocity_m_s", "the model (conditioning.velocity is \"measured\")"));

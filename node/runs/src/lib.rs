@@ -67,6 +67,14 @@ use std::fs::{self, File};
 use std::path::Path;
 use whole::write_file;
 
+/// The time of `stamp` in seconds as in the CSV files of runs: decimal text, exact to the nanosecond.
+#[must_use]
+pub fn seconds_text(stamp: Stamp) -> String {
+    let mut text = String::new();
+    decimal::push_nanos(&mut text, stamp.nanos());
+    text
+}
+
 /// How a run is read.
 #[derive(Debug, Clone, Default)]
 pub struct LoadOptions {

@@ -3,8 +3,8 @@
 use crate::commands::context::CliContext;
 use crate::commands::logging::{self, LogFormat, Outputs};
 use crate::commands::{
-    close, compare, convert, demo, doctor, evaluate, fis, identify, inverse, node, presets, record, replay,
-    reproduce, serve, simulate, top,
+    close, compare, convert, demo, doctor, evaluate, fis, identify, inverse, node, predict, presets, record,
+    replay, reproduce, serve, simulate, top,
 };
 use crate::settings::config::RosArgs;
 use crate::settings::error::NodeError;
@@ -43,6 +43,7 @@ enum Command {
     Compare(compare::Args),
     Reproduce(reproduce::Args),
     Evaluate(evaluate::Args),
+    Predict(predict::Args),
     Close(close::Args),
     Inverse(inverse::Args),
     Fis(fis::Args),
@@ -74,6 +75,7 @@ impl Command {
             Self::Compare(_) => "compare",
             Self::Reproduce(_) => "reproduce",
             Self::Evaluate(_) => "evaluate",
+            Self::Predict(_) => "predict",
             Self::Close(args) if !args.live.live => "close",
             Self::Inverse(_) => "inverse",
             Self::Fis(_) => "fis",
@@ -156,6 +158,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Compare(args) => compare::run(&args, &context),
         Command::Reproduce(args) => reproduce::run(&args, &context),
         Command::Evaluate(args) => evaluate::run(&args, &context),
+        Command::Predict(args) => predict::run(&args, &context),
         Command::Close(args) => close::run(&args, &context),
         Command::Inverse(args) => inverse::run(&args, &context),
         Command::Fis(args) => fis::run(&args, &context),

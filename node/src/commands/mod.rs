@@ -17,6 +17,7 @@ pub mod logging;
 pub mod node;
 pub(crate) mod number;
 pub mod output;
+pub mod predict;
 pub mod presets;
 pub(crate) mod progress;
 pub mod record;

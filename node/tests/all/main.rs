@@ -31,6 +31,7 @@ mod viewer_layouts;
 
 // Runs on disk.
 mod record_disk;
+mod reproduce;
 mod run_map;
 
 // The running node, over DDS.

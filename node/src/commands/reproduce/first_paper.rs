@@ -172,7 +172,8 @@ fn table(fits: &[Fitted], number: &str, form: Form, experiments: usize) -> Item 
                 published: published::first_paper_esr("arx", form, experiment)
                     .filter(|_| model.name == NARX.name)
                     .or_else(|| published::first_paper_esr(model.name, form, experiment))
-                    .map(|esr| 100.0 * esr),
+                    // The tables print tenths of a per cent.
+                    .map(|esr| (1e3 * esr).round() / 10.0),
                 here: (!here.is_empty()).then(|| here.iter().sum::<f64>() / here.len() as f64),
             });
         }
