@@ -47,6 +47,12 @@ fn a_sudden_loss_of_force_is_found_and_added() {
     );
     let [low, high] = term.ci95[0];
     assert!(low < -0.15 + 0.005 && high > -0.15 - 0.005, "{:?}", term.ci95);
+    // The curve without a closed form shows the loss too.
+    let truth = |time_s: f64| if time_s < 15.0 { 0.0 } else { -0.15 };
+    let away: Vec<_> = term.curve.iter().filter(|point| (point.argument - 15.0).abs() > 3.0).collect();
+    assert!(away.len() >= 6, "{:?}", term.curve);
+    assert!(away.iter().all(|point| (point.value - truth(point.argument)).abs() < 0.02), "{away:?}");
+    assert!(away.iter().all(|point| point.ci95[1] - point.ci95[0] < 0.02), "{away:?}");
     let test = found.test.as_ref().expect("a test run");
     assert!(test.removed.is_some_and(|removed| removed > 0.9), "{test:?}");
     assert_eq!(found.verdict, Verdict::Explained);

@@ -25,13 +25,13 @@ mod doctor;
 mod fis;
 mod identify;
 mod inverse;
+mod reproduce;
 mod security;
 mod simulate;
 mod viewer_layouts;
 
 // Runs on disk.
 mod record_disk;
-mod reproduce;
 mod run_map;
 
 // The running node, over DDS.

@@ -24,6 +24,7 @@
 //! that explodes on one block would widen the distribution otherwise.
 
 mod claim;
+mod curve;
 mod hum;
 mod hypotheses;
 mod nuisance;
@@ -34,6 +35,7 @@ mod settle;
 mod structure;
 
 pub use claim::Claim;
+pub use curve::CurvePoint;
 pub use hum::Hum;
 pub use hypotheses::Hypothesis;
 
@@ -78,6 +80,8 @@ pub struct FoundTerm {
     pub confirmed: f64,
     /// 95 % interval of the amount and of each parameter.
     pub ci95: Vec<[f64; 2]>,
+    /// The curve c g(q) without a closed form; empty for a resonance, and if the runs have too few blocks.
+    pub curve: Vec<CurvePoint>,
 }
 
 /// A term that was not accepted, with the reason.
@@ -281,6 +285,8 @@ impl BothBlocks {
 struct Found {
     fitted: Fitted,
     discovery: Discovery,
+    /// For each term, whether it was found with the space of structures projected off.
+    beyond: Vec<bool>,
 }
 
 impl<'a> Search<'a> {
@@ -293,11 +299,9 @@ impl<'a> Search<'a> {
         stage: &dyn Fn(Stage),
     ) -> Result<Option<Found>, Error> {
         let Some(mut fitted) = Fitted::as_is(*start, self.train) else { return Ok(None) };
-        let mut discovery = Discovery::default();
+        let (mut discovery, mut beyond) = (Discovery::default(), Vec::new());
         let noise = noise_n * noise_n * self.confirm.len() as f64;
-        let [train, confirm] =
-            [self.train, self.confirm].map(|rows| Blocks::new(rows, self.settings.training_block_s()));
-        let blocks = BothBlocks { train, confirm };
+        let blocks = self.blocks();
         let healthy_rows = selected(self.runs.healthy);
         let passes: &[Pass] =
             if self.runs.healthy.is_empty() { &Pass::WITHOUT_HEALTHY } else { &Pass::WITH_HEALTHY };
@@ -328,7 +332,9 @@ impl<'a> Search<'a> {
             match settle::settle(&search, &fitted, &here.sides, known, &pairs, &blocks)? {
                 Ok(Settled { fitted: next, term, class, p, confirmed }) => {
                     let claim = claim::claim(here.healthy.as_ref(), &term);
-                    discovery.terms.push(FoundTerm { term, claim, class, p, confirmed, ci95: Vec::new() });
+                    let (ci95, curve) = (Vec::new(), Vec::new());
+                    discovery.terms.push(FoundTerm { term, claim, class, p, confirmed, ci95, curve });
+                    beyond.push(beyond_structure);
                     fitted = next;
                     if number == most {
                         break;
@@ -341,7 +347,31 @@ impl<'a> Search<'a> {
                 }
             }
         }
-        Ok(Some(Found { fitted, discovery }))
+        Ok(Some(Found { fitted, discovery, beyond }))
+    }
+
+    /// The blocks of both sides.
+    fn blocks(&self) -> BothBlocks {
+        let [train, confirm] =
+            [self.train, self.confirm].map(|rows| Blocks::new(rows, self.settings.training_block_s()));
+        BothBlocks { train, confirm }
+    }
+
+    /// The curve of each discovered term of `model` without a closed form. `own` is the number of terms that the base has.
+    fn add_curves(
+        &self,
+        discovery: &mut Discovery,
+        model: &Augmented,
+        own: usize,
+        beyond: &[bool],
+    ) -> Result<(), Error> {
+        let Some(fitted) = Fitted::as_is(*model, self.train) else { return Ok(()) };
+        let (blocks, healthy_rows) = (self.blocks(), selected(self.runs.healthy));
+        for (index, (found, beyond_structure)) in discovery.terms.iter_mut().zip(beyond).enumerate() {
+            let search = Search { beyond_structure: *beyond_structure, ..*self };
+            found.curve = curve::curve(&search, &fitted, &healthy_rows, &blocks, own + index)?;
+        }
+        Ok(())
     }
 
     /// Screens all pairs; `None` if `fitted` cannot be simulated on the validation runs.
@@ -360,7 +390,7 @@ impl<'a> Search<'a> {
 
     /// `result` with the terms found: effects that they replace, intervals, the errors on validation and test runs, and the verdict.
     fn conclude(&self, result: DiagnosisResult, found: Found) -> Result<DiagnosisResult, Error> {
-        let Found { fitted, mut discovery } = found;
+        let Found { fitted, mut discovery, beyond } = found;
         if discovery.terms.is_empty() {
             return Ok(DiagnosisResult { discovery, ..result });
         }
@@ -377,6 +407,7 @@ impl<'a> Search<'a> {
         {
             (found.term, found.ci95) = (*term, intervals.of_term(own + index));
         }
+        self.add_curves(&mut discovery, &fitted.model, own, &beyond)?;
         let DiagnosisResult { effects, mut refused, before, noise_floor, .. } = result;
         let mut kept = Vec::with_capacity(effects.len());
         for named in effects {

@@ -18,6 +18,7 @@ use super::structure::{self, Levels};
 use crate::diagnose::blocks::Blocks;
 use crate::diagnose::joint::{Fitted, Joint};
 use crate::diagnose::rows::{Rows, dot, gram};
+use crate::effect::term::Terms;
 use crate::error::Error;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -93,6 +94,14 @@ impl Columns {
     fn scales(&self) -> Vec<f64> {
         let reciprocal = |length: f64| if length > 0.0 { length.recip() } else { 0.0 };
         self.all.iter().map(|column| reciprocal(dot(column, column).sqrt())).collect()
+    }
+
+    /// Removes the derivatives by the numbers of term `index` of `terms`, which are the last ones of the model.
+    fn remove_term(&mut self, terms: &Terms, index: usize) {
+        let counts: Vec<usize> = terms.iter().map(|term| term.values().len()).collect();
+        let first = self.of_model - counts[index..].iter().sum::<usize>();
+        self.all.drain(first..first + counts[index]);
+        self.of_model -= counts[index];
     }
 
     fn scale(&mut self, by: &[f64]) {
@@ -284,10 +293,33 @@ impl<'a> Sides<'a> {
         fitted: &Fitted,
         known: Option<&KnownStructure>,
     ) -> Result<Option<Self>, Error> {
+        Self::of(search, fitted, known, None)
+    }
+
+    /// As [`Sides::new`], but the numbers of term `index` of the model are not in the nuisance space.
+    pub(super) fn without_term(
+        search: &Search<'a>,
+        fitted: &Fitted,
+        known: Option<&KnownStructure>,
+        index: usize,
+    ) -> Result<Option<Self>, Error> {
+        Self::of(search, fitted, known, Some(index))
+    }
+
+    fn of(
+        search: &Search<'a>,
+        fitted: &Fitted,
+        known: Option<&KnownStructure>,
+        left_out: Option<usize>,
+    ) -> Result<Option<Self>, Error> {
         let Some(confirmed) = Fitted::as_is(fitted.model, search.confirm) else { return Ok(None) };
         let levels = search.beyond_structure.then(|| structure::levels(search.train));
         let mut train = Columns::new(search, search.train, fitted, levels.as_ref())?;
         let mut confirm = Columns::new(search, search.confirm, &confirmed, levels.as_ref())?;
+        if let Some(index) = left_out {
+            train.remove_term(fitted.model.effects().terms(), index);
+            confirm.remove_term(fitted.model.effects().terms(), index);
+        }
         let scales = train.scales();
         train.scale(&scales);
         confirm.scale(&scales);

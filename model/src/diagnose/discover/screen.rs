@@ -103,8 +103,9 @@ fn repeats((modulator, argument): (Modulator, Argument), term: &Term) -> bool {
     both_grow || (own, of) == (modulator, argument)
 }
 
-/// Knots of an argument on the training runs: half of them even over its range, half at its quantiles.
-fn knots(argument: Argument, series: &[f64]) -> Option<Vec<f64>> {
+/// At most `count` knots of an argument whose values on the training runs are `series`: even over its range; for arguments that are mostly
+/// small, half of them at quantiles. `None` if it does not vary.
+pub(super) fn knots(argument: Argument, series: &[f64], count: usize) -> Option<Vec<f64>> {
     let mut sorted = series.to_vec();
     sorted.sort_by(f64::total_cmp);
     let (low, high) = (*sorted.first()?, *sorted.last()?);
@@ -121,12 +122,12 @@ fn knots(argument: Argument, series: &[f64]) -> Option<Vec<f64>> {
         | Argument::TimeSinceReversal
         | Argument::TimeSinceDriveChange
         | Argument::DriveChange
-        | Argument::MeanSpeed => KNOTS / 2,
-        _ => KNOTS,
+        | Argument::MeanSpeed => count / 2,
+        _ => count,
     };
     let at = |j: usize, n: usize| j as f64 / (n - 1) as f64;
     let mut knots: Vec<f64> = (0..even).map(|j| low + (high - low) * at(j, even)).collect();
-    let quantiles = KNOTS - even;
+    let quantiles = count - even;
     knots.extend((1..=quantiles).map(|j| sorted[(series.len() - 1) * j / (quantiles + 1)]));
     knots.sort_by(f64::total_cmp);
     knots.dedup_by(|a, b| (*a - *b).abs() < 1e-6 * (high - low));
@@ -147,13 +148,13 @@ struct Moments {
 }
 
 /// The hat functions of a pair on one side: for each row the knot below, and the weights of this knot and the next one.
-struct Hats {
+pub(super) struct Hats {
     places: Vec<(usize, [f64; 2])>,
     knots: usize,
 }
 
 impl Hats {
-    fn new(side: &Side, modulator: Modulator, argument: Argument, knots: &[f64]) -> Option<Self> {
+    pub(super) fn new(side: &Side, modulator: Modulator, argument: Argument, knots: &[f64]) -> Option<Self> {
         let (m, q) = (side.series.modulator(modulator)?, side.series.argument(argument)?);
         let place = |(m, q): (&f64, &f64)| {
             let (index, share) = place(knots, *q);
@@ -203,7 +204,7 @@ impl Hats {
     }
 
     /// The curve with the values `at_knots`, over the rows, each run's mean removed.
-    fn series(&self, side: &Side, at_knots: &DVector<f64>) -> Vec<f64> {
+    pub(super) fn series(&self, side: &Side, at_knots: &DVector<f64>) -> Vec<f64> {
         let value = |(index, [below, above]): &(usize, [f64; 2])| {
             below * at_knots[*index] + above * at_knots[index + 1]
         };
@@ -240,7 +241,7 @@ fn pair(
     argument: Argument,
     blocks: &BothBlocks,
 ) -> Option<Pair> {
-    let knots = knots(argument, sides.train.series.argument(argument)?)?;
+    let knots = knots(argument, sides.train.series.argument(argument)?, KNOTS)?;
     let [on_train, on_confirm] =
         [&sides.train, &sides.confirm].map(|side| Hats::new(side, modulator, argument, &knots));
     let (on_train, on_confirm) = (on_train?, on_confirm?);

@@ -2,7 +2,7 @@
 
 use super::{terms, words};
 use mr_damper_base::provenance::TOOL;
-use mr_damper_model::diagnose::discover::{FoundTerm, Hum, Hypothesis, RefusedTerm};
+use mr_damper_model::diagnose::discover::{CurvePoint, FoundTerm, Hum, Hypothesis, RefusedTerm};
 use mr_damper_model::diagnose::{
     Alignment, Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors,
     StructureRow, TestResult,
@@ -186,6 +186,17 @@ struct TermRow {
     /// Share of the squared error on the validation runs.
     share_removed: f64,
     hypotheses: Vec<HypothesisRow>,
+    /// The curve without a closed form.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    curve: Vec<CurveRow>,
+}
+
+/// The curve of a term at one value of its argument, in the unit of the curve.
+#[derive(Debug, Serialize)]
+struct CurveRow {
+    argument: f64,
+    value: f64,
+    ci95: [f64; 2],
 }
 
 #[derive(Debug, Serialize)]
@@ -409,6 +420,11 @@ fn term(found: &FoundTerm, drive: Option<DriveKind>) -> TermRow {
         p: found.p,
         share_removed: found.confirmed,
         hypotheses: found.hypotheses().into_iter().map(hypothesis).collect(),
+        curve: found
+            .curve
+            .iter()
+            .map(|&CurvePoint { argument, value, ci95 }| CurveRow { argument, value, ci95 })
+            .collect(),
     }
 }
 

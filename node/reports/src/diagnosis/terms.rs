@@ -16,6 +16,11 @@ const POINTS: u32 = 400;
 /// Width of an interval, as a multiple of the value, from which on it says nothing.
 const UNDETERMINED: f64 = 20.0;
 
+/// Captions of the picture of a term.
+const CLOSED_FORM: &str = "The curve c g(q) of the term over the range of its argument in the data.";
+const BOTH_CURVES: &str = "The curve c g(q) of the term over the range of its argument in the data, and the same curve without a closed form. A part of it that \
+     the base model can follow, such as its level, is not determined by the runs and is that of the closed form.";
+
 /// The heading of the hum.
 pub(super) const HUM: &str = "In the measured force alone";
 
@@ -175,7 +180,7 @@ fn one(found: &FoundTerm, drive: Option<DriveKind>) -> Markup {
         }
         @match term.gain(0.0) {
             Some(_) => (response(term).figure("The gain of the resonance, from its argument to the force.")),
-            None => (picture(term, drive).figure("The curve c g(q) of the term over the range of its argument in the data.")),
+            None => (picture(found, drive).figure(if found.curve.is_empty() { CLOSED_FORM } else { BOTH_CURVES })),
         }
     }
 }
@@ -191,17 +196,31 @@ fn response(term: &Term) -> Plot {
     }
 }
 
-/// The curve c g(q) over the confirmed range.
-fn picture(term: &Term, drive: Option<DriveKind>) -> Plot {
+/// The curve c g(q) over the confirmed range, and the curve without a closed form behind it.
+fn picture(found: &FoundTerm, drive: Option<DriveKind>) -> Plot {
+    let term = &found.term;
     let (_, argument, _) = term.kind();
     let label =
         |name: &str, unit: &str| if unit.is_empty() { name.to_owned() } else { format!("{name}, {unit}") };
-    Plot {
+    let mut plot = Plot {
         description: format!("Curve of the {} over its argument", words::term_title(term)),
         x_label: label(argument.words(), &term.argument_unit(words::drive_unit(drive))),
         y_label: label("c g(q)", &term.curve_unit(words::drive_unit(drive))),
         ..line(term.confirmed_in(), |q| Some(term.curve(q)))
+    };
+    if let ([closed], false) = (plot.series.as_mut_slice(), found.curve.is_empty()) {
+        closed.name = "closed form".to_owned();
+        let end = |end: usize| found.curve.iter().map(move |point| (point.argument, point.ci95[end]));
+        let band = end(0).chain(found.curve.iter().rev().map(|point| (point.argument, point.ci95[1])));
+        let middle = found.curve.iter().map(|point| (point.argument, point.value));
+        let series = |name: &str, ink, shape, points| Series { name: name.to_owned(), ink, shape, points };
+        let behind = [
+            series("95 % band", Ink::Trend, Shape::Area, band.collect()),
+            series("without a closed form", Ink::Trend, Shape::Dashed, middle.collect()),
+        ];
+        plot.series.splice(0..0, behind);
     }
+    plot
 }
 
 /// A plot of `value` over a range, without its texts.

@@ -4,7 +4,9 @@ use super::*;
 use crate::tests::assert_balanced;
 use json::DiagnosisReport;
 use mr_damper_model::Error;
-use mr_damper_model::diagnose::discover::{Claim, Discovery, FoundTerm, Hum, RefusedTerm, TermRefusal};
+use mr_damper_model::diagnose::discover::{
+    Claim, CurvePoint, Discovery, FoundTerm, Hum, RefusedTerm, TermRefusal,
+};
 use mr_damper_model::diagnose::{
     Alignment, BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult,
     FloorSource, FoundParameter, MeanShift, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect,
@@ -166,6 +168,9 @@ fn loss_of_force() -> FoundTerm {
         p: 0.002,
         confirmed: 0.64,
         ci95: vec![[-0.131, -0.121], [11.4, 11.6], [0.01, 0.09]],
+        curve: [(0.0, 0.0), (10.0, 0.002), (20.0, -0.124), (30.0, -0.127)]
+            .map(|(argument, value)| CurvePoint { argument, value, ci95: [value - 0.01, value + 0.01] })
+            .to_vec(),
     }
 }
 
@@ -179,6 +184,7 @@ fn drive_friction() -> FoundTerm {
         p: 0.004,
         confirmed: 0.11,
         ci95: Vec::new(),
+        curve: Vec::new(),
     }
 }
 
@@ -192,6 +198,7 @@ fn resonance() -> FoundTerm {
         p: 0.0002,
         confirmed: 0.97,
         ci95: vec![[-9.0, 9.6], [31.9, 32.1], [0.058, 0.062]],
+        curve: Vec::new(),
     }
 }
 

@@ -195,6 +195,7 @@ mod tests {
             p: 0.002,
             confirmed: 0.6,
             ci95: Vec::new(),
+            curve: Vec::new(),
         };
         let discovery = Discovery { terms: terms.iter().map(found).collect(), ..Discovery::default() };
         DiagnosisResult {

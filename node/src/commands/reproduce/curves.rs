@@ -26,8 +26,8 @@ const OVER_VELOCITY: &str = "RP1-CS";
 pub(super) fn chapter_5(results: &Results) -> Chapter {
     let mut items = thesis_tables::tables_5(results);
     for (model, words, numbers) in FIGURES {
-        if let Some(drawn) = drawn(results, model, words) {
-            items.extend(figures(results, &drawn, words, numbers));
+        if let Some((drawn, trained_on)) = drawn(results, model) {
+            items.extend(figures(results, &drawn, &format!("{words}, trained on {trained_on}"), numbers));
         }
     }
     Chapter {
@@ -39,23 +39,24 @@ pub(super) fn chapter_5(results: &Results) -> Chapter {
     }
 }
 
-/// The best model of its kind, with its training experiment in the name.
-fn drawn(results: &Results, model: ThesisModel, words: &str) -> Option<Drawn> {
+/// The best model of its kind, and its training experiment.
+fn drawn(results: &Results, model: ThesisModel) -> Option<(Drawn, &'static str)> {
     let trained_on = thesis_tables::best(results, model, Form::SemiActive)?;
-    let name = format!("{words}, trained on {trained_on}");
+    let name = model.name.to_owned();
     let (_, found) = results.find(model.name, Form::SemiActive, trained_on)?;
-    match (model.predictor, found) {
-        (Predictor::FreeRun, Some(found)) => Some(Drawn::simulated(name, *found)),
-        (Predictor::OneStep, Some(found)) => Some(Drawn::one_step(name, *found)),
+    let drawn = match (model.predictor, found) {
+        (Predictor::FreeRun, Some(found)) => Drawn::simulated(name, *found),
+        (Predictor::OneStep, Some(found)) => Drawn::one_step(name, *found),
         (Predictor::SameInstant, _) => {
             // The cell keeps no relation, but its fit is linear and quick.
             let training = &results.experiment(trained_on)?.replicates.first()?.data;
             let options = PhaseOptions { drive: training.drive, ..PhaseOptions::default() };
             let found = identify_phase(std::slice::from_ref(training), &options, &Watch::none()).ok()?;
-            Some(Drawn::explained(name, found.phase))
+            Drawn::explained(name, found.phase)
         }
-        (_, None) => None,
-    }
+        (_, None) => return None,
+    };
+    Some((drawn, trained_on))
 }
 
 fn figures(results: &Results, drawn: &Drawn, words: &str, [time, velocity]: [&str; 2]) -> Vec<Item> {
