@@ -20,6 +20,7 @@ mod sets;
 mod tanh;
 pub(crate) mod tsk;
 
+pub(crate) use arx::ArxShape;
 pub use arx::{Arx, LAGS, SAVARESI_LAGS};
 pub use dependence::{Dependence, MAX_DEGREE};
 pub use form::Form;

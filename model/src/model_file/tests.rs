@@ -153,6 +153,11 @@ fn data_driven_models_are_bit_identical_after_write_and_read() {
         Arx::savaresi([1.6, -0.7], [4e3, -3e3], [250.0, 80.0], drive, Second(0.002), 9.0).expect("a model")
     };
     let arx = [None, Some((DriveKind::CoilCurrent, [30.0, -4.0]))].map(|d| ForceModel::Arx(savaresi(d)));
+    let delayed = |drive| {
+        Arx::delayed([1.6, -0.7, 0.05], [4e3, -3e3, 1.0], [250.0, 80.0, -2.0], drive, Second(0.002), 9.0)
+    };
+    let voltage = Some((DriveKind::CommandVoltage, [30.0, -4.0, 1.5]));
+    let arx = arx.into_iter().chain([None, voltage].map(|d| ForceModel::Arx(delayed(d).expect("a model"))));
     let data_driven = networks().into_iter().chain(lazies()).chain(arx).chain(lpvs()).chain(slips());
     for force in data_driven.chain([of_unlike_widths()]) {
         let written = file_of(force);
