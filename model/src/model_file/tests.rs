@@ -168,6 +168,31 @@ fn data_driven_models_are_bit_identical_after_write_and_read() {
 }
 
 #[test]
+fn a_wang_liao_file_without_an_input_layer_is_a_narx_network() {
+    for narx in networks().into_iter().filter(|force| force.name() == "narx") {
+        let written = file_of(narx);
+        let text = written.to_toml().expect("writes");
+        assert!(text.contains("model = \"narx\"") && !text.contains("input_gains"), "{text}");
+        let old = text.replace("model = \"narx\"", "model = \"wang-liao\"");
+        let read = ModelFile::from_toml(&old).expect("reads");
+        assert!(read == written, "the same numbers by the name narx");
+    }
+    let wang_liao = networks().into_iter().find(|force| force.name() == "wang-liao").expect("one");
+    let text = file_of(wang_liao).to_toml().expect("writes");
+    for (from, to, expected) in [
+        ("input_gains = [", "input_gains = [0.5, ", "parameters.input_gains has 16 values"),
+        ("input_gains", "input_gain", "did you mean input_gains?"),
+        ("model = \"wang-liao\"", "model = \"narx\"", "parameters.input_gains has 15 values"),
+    ] {
+        let error = ModelFile::from_toml(&text.replacen(from, to, 1)).expect_err("refused").to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    let line = text.lines().find(|line| line.starts_with("input_biases")).expect("a line");
+    let error = ModelFile::from_toml(&text.replace(line, "")).expect_err("refused").to_string();
+    assert!(error.contains("parameters.input_biases has 0 values"), "{error}");
+}
+
+#[test]
 fn an_error_in_a_data_driven_model_names_the_key() {
     let text = |force: ForceModel| file_of(force).to_toml().expect("writes");
     let (network, lazy) = (text(networks()[1]), text(lazies()[1]));
