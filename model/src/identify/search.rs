@@ -7,8 +7,8 @@
 //! numbers, and sums are added in a fixed order, so results do not depend on the number of threads.
 
 use super::dataset::Dataset;
-use super::options::REWEIGHTINGS;
 use super::least_squares::{Minimum, Problem, Stop, minimise};
+use super::options::REWEIGHTINGS;
 use super::row_problem::{Columns, RowProblem};
 use super::{Loss, Options, Progress, Watch};
 use crate::error::{Error, IdentifyError};

@@ -251,7 +251,7 @@ fn hubers_loss_makes_the_swarm_robust_against_outliers() {
     let spec =
         ModelSpec::new(Structure::Law(law), Form::Passive).and_then(|s| s.with_variant(Variant::Swarm));
     let spec = spec.expect("the published fit");
-    let outliers = |k: usize| if k % 20 == 0 { 3000.0 } else { 0.0 };
+    let outliers = |k: usize| if k.is_multiple_of(20) { 3000.0 } else { 0.0 };
     let runs = [made_by(model(law, Form::Passive), 3, outliers)];
     let offset_n = |loss| {
         let options = Options { loss, ..options() };
