@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let [training, test] =
         [1, 2].map(|seed| record(&experiment, &Plant::default(), &Channels::default(), seed));
     let options = Options { conditioning: Conditioning::THESIS, ..Options::default() };
-    for name in ["wang-liao", "chen", "boada"] {
+    for name in ["wang-liao", "narx", "chen", "boada"] {
         for form in [Form::Passive, Form::SemiActive] {
             let begin = Instant::now();
             let spec = ModelSpec::named(name, form)?;

@@ -11,13 +11,15 @@ use common::{calibrated, maxwell_slip, preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
-use mr_damper_model::force::{Dependence, ForceLaw, FuzzySets, Inputs, LawModel, LawState, Membership};
+use mr_damper_model::force::{
+    Dependence, ForceLaw, ForceModel, FuzzySets, Inputs, LawModel, LawState, Membership,
+};
 use mr_damper_model::inverse::{self, Demand, InverseController, LimitedBy, Limits, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Models, Pipeline, PipelineSetup, Settings};
 use mr_damper_model::preset::{BEST_ANFIS, BEST_ARX, BEST_FUZZY_TANH};
 use mr_damper_model::sample::{DriveKind, Reading, Sample, Stamp};
-use mr_damper_model::units::{Metre, Newton};
+use mr_damper_model::units::{Metre, MetrePerSecond, Newton};
 
 #[global_allocator]
 static GUARD: AllocDisabler = AllocDisabler;
@@ -31,7 +33,8 @@ fn the_hot_path_does_not_allocate() {
         Models::alone(preset(BEST_FUZZY_TANH)).with_seeded(preset(BEST_ARX)).expect("both want a current");
     let anfis = Models::alone(preset(BEST_ANFIS));
     let slips = Models::alone(maxwell_slip());
-    for mut models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope), anfis, slips] {
+    let lazy = Models::alone(common::lazy());
+    for mut models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope), anfis, slips, lazy] {
         // The expected error is so small, and the blocks are so short, that the alarm is raised between two of the gaps below.
         models.free.expected.free_run_rsse_n = Some(1.0);
         // The models with a seeded channel get uncertainty tables.
@@ -39,15 +42,27 @@ fn the_hot_path_does_not_allocate() {
             models.free = calibrated(models.free);
             models.seeded = models.seeded.map(calibrated);
         }
-        let settings = Settings { alarm_block_s: 0.05, false_alarm_interval_s: 60.0, ..Settings::default() };
+        let learns = matches!(models.free.force, ForceModel::Lazy(_));
+        let gains = inverse::SkyhookGains::new(&[800.0, 500.0, 300.0], &[0.0, 1.0, 2.5]);
+        let settings = Settings {
+            alarm_block_s: 0.05,
+            false_alarm_interval_s: 60.0,
+            lazy_learning: learns,
+            ..Settings::default()
+        };
         let mut pipeline = Pipeline::new(models, settings).expect("presets run");
         let mut counts = [0_u32; 7];
-        let changed =
-            PipelineSetup::new(models, Settings { law: inverse::ControlLaw::Skyhook(500.0), ..settings })
-                .or_else(|_| PipelineSetup::new(models, Settings { coast_s: 0.1, ..settings }))
-                .expect("in range");
-        let other = PipelineSetup::new(Models::alone(preset("thesis/fuzzy-tanh/rp1-cs")), settings)
-            .expect("a preset runs");
+        let changed = PipelineSetup::new(
+            models,
+            Settings { law: inverse::ControlLaw::SkyhookGains(gains), ..settings },
+        )
+        .or_else(|_| PipelineSetup::new(models, Settings { coast_s: 0.1, ..settings }))
+        .expect("in range");
+        let other = PipelineSetup::new(
+            Models::alone(preset("thesis/fuzzy-tanh/rp1-cs")),
+            Settings { lazy_learning: false, ..settings },
+        )
+        .expect("a preset runs");
         assert_no_alloc(|| {
             let mut count = |event: Event| {
                 counts[match event {
@@ -88,6 +103,13 @@ fn the_hot_path_does_not_allocate() {
             pipeline.note_interleaved();
             pipeline.reset(&mut count);
             pipeline.take(changed, &mut count);
+            for k in 0..100_i64 {
+                for sample in samples(k, 20_000_000_000) {
+                    let reading = Reading::BodyVelocity(MetrePerSecond(0.2));
+                    pipeline.step(&Sample { reading, ..sample }, &mut count);
+                    pipeline.step(&sample, &mut count);
+                }
+            }
             pipeline.take(other.clone(), &mut count);
             // A node creates and drops a pipeline on this thread when it is activated and deactivated.
             drop(Pipeline::from(other));

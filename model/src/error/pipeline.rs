@@ -29,6 +29,24 @@ pub enum PipelineError {
         /// Drive of the seeded model.
         seeded: DriveKind,
     },
+    /// Live learning was requested of a model that cannot learn.
+    #[error(
+        "boada.learn: a {model} model does not learn while it runs; give a boada model, or set boada.learn to false"
+    )]
+    CannotLearn {
+        /// Name of the model.
+        model: &'static str,
+    },
+    /// Live learning was requested of a model with effects.
+    #[error(
+        "boada.learn: measured force already contains the model's effects; remove them from its file, or set boada.learn to false"
+    )]
+    LearningWithEffects,
+    /// Live learning was requested without measured force.
+    #[error(
+        "boada.learn needs measured force, but use_measured_force is never; set it to auto or observer, or set boada.learn to false"
+    )]
+    LearningWithoutForce,
     /// A mode that lasts for a limited time was requested as the only one.
     #[error("mode {mode} is temporary and cannot be the only one; use arx, model or fault")]
     TemporaryMode {

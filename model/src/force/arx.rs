@@ -17,12 +17,23 @@
 //! F_k = a1 F_{k-1} + a2 F_{k-2} + a3 x_k + a4 x_{k-1} + a5 v_k + a6 v_{k-1} [ + a7 i_k + a8 i_{k-1} ]
 //! ```
 //!
+//! `arx-delayed` has the three lags of paper 1 of the thesis (equation 5), whose inputs start at the sample before:
+//!
+//! ```text
+//! F_k = a1 F_{k-1} + a2 F_{k-2} + a3 F_{k-3}
+//!     + a4 x_{k-1} + a5 x_{k-2} + a6 x_{k-3}
+//!     + a7 v_{k-1} + a8 v_{k-2} + a9 v_{k-3} [ + a10 i_{k-1} + a11 i_{k-2} + a12 i_{k-3} ]
+//! ```
+//!
+//! Its force at a sample does not depend on the motion and the drive of that sample.
+//!
 //! With measured force as input, the model is a one-step-ahead predictor. It is accurate but does not show missing effects,
 //! because each effect is contained in the measured force. With its own output as input, it is a simulation (free run). An
 //! error figure never mixes the two. If v is the backward difference of x, the nine regressors have rank seven: single
 //! coefficients are then not determined, but the sum of their products is.
 //!
-//! Source: `[thesis]` and `[savaresi2005]` in the bibliography (node/docs/guide/bibliography.md), equations 4.3, 4.4 and 2.8 of the thesis.
+//! Source: `[thesis]`, `[thesis-paper1]` and `[savaresi2005]` in the bibliography (node/docs/guide/bibliography.md), equations 4.3, 4.4 and 2.8 of the
+//! thesis, 4 and 5 of its first paper.
 
 use super::history::{History, known};
 use crate::error::Error;
@@ -34,6 +45,62 @@ use nalgebra::Matrix3;
 pub const LAGS: usize = 3;
 /// Number of lags of each signal for `savaresi`.
 pub const SAVARESI_LAGS: usize = 2;
+
+/// Number of lags of each signal, and the delay of the inputs: they tell the ARX structures apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ArxShape {
+    /// Number of lags of each signal.
+    pub(crate) lags: usize,
+    /// Number of samples by which displacement, velocity and drive enter later.
+    pub(crate) delay: usize,
+}
+
+impl ArxShape {
+    /// `arx`.
+    pub(crate) const PLAIN: Self = Self { lags: LAGS, delay: 0 };
+    /// `arx-delayed`.
+    pub(crate) const DELAYED: Self = Self { lags: LAGS, delay: 1 };
+    /// `savaresi`.
+    pub(crate) const SAVARESI: Self = Self { lags: SAVARESI_LAGS, delay: 0 };
+
+    /// The model's name, as in the contract.
+    pub(crate) const fn name(self) -> &'static str {
+        match (self.lags, self.delay) {
+            (SAVARESI_LAGS, _) => "savaresi",
+            (_, 0) => "arx",
+            _ => "arx-delayed",
+        }
+    }
+
+    /// The model of this shape with the given coefficients, `lags` of each signal, in the units of [`Arx::new`].
+    ///
+    /// # Errors
+    /// [`Error::Length`] for another number of coefficients; otherwise the same as for [`Arx::new`].
+    pub(crate) fn model(
+        self,
+        [force, displacement_n_m, velocity_n_s_m]: [&[f64]; 3],
+        drive: Option<(DriveKind, &[f64])>,
+        sample_period: Second,
+        force_offset_n: f64,
+    ) -> Result<Arx, Error> {
+        let padded = |name: &str, list: &[f64]| {
+            if list.len() != self.lags {
+                let (found, expected) = (list.len(), self.lags.to_string());
+                return Err(Error::Length { name: format!("parameters.{name}"), found, expected });
+            }
+            Ok(std::array::from_fn(|j| list.get(j).copied().unwrap_or(0.0)))
+        };
+        let force = padded("force_lags", force)?;
+        let displacement_n_m = padded("displacement_lags_n_m", displacement_n_m)?;
+        let velocity_n_s_m = padded("velocity_lags_n_s_m", velocity_n_s_m)?;
+        let drive = match drive {
+            Some((kind, list)) => Some((kind, padded("drive lags", list)?)),
+            None => None,
+        };
+        let arx = Arx::new(force, displacement_n_m, velocity_n_s_m, drive, sample_period, force_offset_n)?;
+        Ok(Arx { lags: self.lags, delay: self.delay, ..arx })
+    }
+}
 
 /// The ARX model.
 ///
@@ -56,6 +123,8 @@ pub const SAVARESI_LAGS: usize = 2;
 pub struct Arx {
     /// Number of lags of each signal; coefficients beyond are zero.
     lags: usize,
+    /// Number of samples by which displacement, velocity and drive enter later: 0, or 1 for `arx-delayed`.
+    delay: usize,
     force: [f64; LAGS],
     displacement_n_m: [f64; LAGS],
     velocity_n_s_m: [f64; LAGS],
@@ -95,6 +164,7 @@ impl Arx {
             Error::check("sample_period_s", sample_period.get(), "positive and finite", |t| t > 0.0)?;
         Ok(Self {
             lags: LAGS,
+            delay: 0,
             force,
             displacement_n_m,
             velocity_n_s_m,
@@ -117,17 +187,39 @@ impl Arx {
         sample_period: Second,
         force_offset_n: f64,
     ) -> Result<Self, Error> {
-        let pad = |[a, b]: [f64; SAVARESI_LAGS]| [a, b, 0.0];
-        let drive = drive.map(|(kind, c)| (kind, pad(c)));
-        let (force, x, v) = (pad(force), pad(displacement_n_m), pad(velocity_n_s_m));
-        let arx = Self::new(force, x, v, drive, sample_period, force_offset_n)?;
-        Ok(Self { lags: SAVARESI_LAGS, ..arx })
+        let lists = [force.as_slice(), &displacement_n_m, &velocity_n_s_m];
+        let drive = drive.as_ref().map(|(kind, list)| (*kind, list.as_slice()));
+        ArxShape::SAVARESI.model(lists, drive, sample_period, force_offset_n)
     }
 
-    /// The model's name, as in the contract: `arx` with three lags, `savaresi` with two.
+    /// An `arx-delayed` model: like [`Arx::new`], with coefficients for the inputs of samples k-1 to k-3.
+    ///
+    /// # Errors
+    /// The same as for [`Arx::new`].
+    pub fn delayed(
+        force: [f64; LAGS],
+        displacement_n_m: [f64; LAGS],
+        velocity_n_s_m: [f64; LAGS],
+        drive: Option<(DriveKind, [f64; LAGS])>,
+        sample_period: Second,
+        force_offset_n: f64,
+    ) -> Result<Self, Error> {
+        let lists = [force.as_slice(), &displacement_n_m, &velocity_n_s_m];
+        let drive = drive.as_ref().map(|(kind, list)| (*kind, list.as_slice()));
+        ArxShape::DELAYED.model(lists, drive, sample_period, force_offset_n)
+    }
+
+    /// The model's name, as in the contract: `arx` with three lags, `savaresi` with two, and `arx-delayed` with three
+    /// lags of inputs that start at the sample before.
     #[must_use]
     pub const fn name(&self) -> &'static str {
-        if self.lags == SAVARESI_LAGS { "savaresi" } else { "arx" }
+        ArxShape { lags: self.lags, delay: self.delay }.name()
+    }
+
+    /// Number of samples by which displacement, velocity and drive enter later: 0, or 1 for `arx-delayed`.
+    #[must_use]
+    pub const fn delay(&self) -> usize {
+        self.delay
     }
 
     /// Number of lags of each signal: 3, or 2 for `savaresi`, whose third coefficients are zero.
@@ -155,13 +247,13 @@ impl Arx {
         self.force
     }
 
-    /// a4..a6, N/m.
+    /// a4..a6, N/m; the first belongs to sample k, or k-1 with a [`Arx::delay`].
     #[must_use]
     pub const fn displacement_lags_n_m(&self) -> [f64; LAGS] {
         self.displacement_n_m
     }
 
-    /// a7..a9, N·s/m.
+    /// a7..a9, N·s/m, from the same sample on.
     #[must_use]
     pub const fn velocity_lags_n_s_m(&self) -> [f64; LAGS] {
         self.velocity_n_s_m
@@ -225,14 +317,15 @@ impl Arx {
     #[inline]
     #[must_use]
     pub fn predict_n(&self, history: &History) -> Option<f64> {
-        if self.drive.is_some() && !known(&history.drive, self.lags) {
+        let drive = &history.drive[self.delay..];
+        if self.drive.is_some() && !known(drive, self.lags) {
             return None;
         }
         let lags = ..self.lags;
         let coefficients = [&self.force[lags], &self.displacement_n_m[lags], &self.velocity_n_s_m[lags]];
-        let mut force = history.regress(self.force_offset_n, coefficients)?;
+        let mut force = history.regress(self.force_offset_n, self.delay, coefficients)?;
         if let Some((_, coefficients)) = &self.drive {
-            for (coefficient, drive) in coefficients[..self.lags].iter().zip(&history.drive) {
+            for (coefficient, drive) in coefficients[..self.lags].iter().zip(drive) {
                 force += coefficient * drive;
             }
         }

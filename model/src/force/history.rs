@@ -93,22 +93,20 @@ impl History {
     }
 
     /// Force, N, of a model that is linear in the newest lags of force (minus `offset_n`), displacement and
-    /// velocity. The number of lags of each is the number of its coefficients. `None` if one of the lags is not
-    /// known.
+    /// velocity. The number of lags of each is the number of its coefficients; those of displacement and velocity
+    /// start `delay` samples before the newest. `None` if one of the lags is not known.
     #[inline]
-    pub(super) fn regress(&self, offset_n: f64, [force, x, v]: [&[f64]; 3]) -> Option<f64> {
+    pub(super) fn regress(&self, offset_n: f64, delay: usize, [force, x, v]: [&[f64]; 3]) -> Option<f64> {
         let lags = force.len();
-        let ready = known(&self.force_n, lags)
-            && known(&self.displacement_m, lags)
-            && known(&self.velocity_m_s, lags);
-        if !ready {
+        let (displacement_m, velocity_m_s) = (&self.displacement_m[delay..], &self.velocity_m_s[delay..]);
+        if !(known(&self.force_n, lags) && known(displacement_m, lags) && known(velocity_m_s, lags)) {
             return None;
         }
         let mut force_n = offset_n;
         for lag in 0..lags {
             force_n += force[lag] * (self.force_n[lag] - offset_n)
-                + x[lag] * self.displacement_m[lag]
-                + v[lag] * self.velocity_m_s[lag];
+                + x[lag] * displacement_m[lag]
+                + v[lag] * velocity_m_s[lag];
         }
         Some(force_n)
     }
@@ -121,7 +119,7 @@ impl History {
 
 /// True if the first `lags` slots are known.
 #[inline]
-pub(super) fn known(slots: &[f64; DEPTH], lags: usize) -> bool {
+pub(super) fn known(slots: &[f64], lags: usize) -> bool {
     slots[..lags].iter().all(|v| v.is_finite())
 }
 

@@ -22,9 +22,14 @@
 //! so b_0 is the prediction. V starts at 1e4, as if each coefficient had been observed before with a weight of 1e-4. This
 //! determines coefficients that the neighbours leave undetermined, for example if all have the same drive.
 //!
-//! The model keeps no state between samples. Outside its points it extrapolates along a plane.
+//! The model keeps no state between samples, unless it is told to learn from measured force while it runs (`lazy/learning.rs`).
+//! Outside its points it extrapolates along a plane.
 //!
 //! Source: `[boada2008]` and `[bontempi]` in the bibliography (node/docs/guide/bibliography.md), section 2.1.3 of the thesis.
+
+mod learning;
+
+pub(crate) use learning::Learning;
 
 use crate::error::Error;
 use crate::sample::DriveKind;

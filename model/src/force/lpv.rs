@@ -164,6 +164,6 @@ impl Lpv {
         }
         let at = self.coefficients_at(history.drive[0]);
         let of = |signal: usize| &at[signal * LAGS..(signal + 1) * LAGS];
-        history.regress(self.force_offset_n, [of(0), of(1), of(2)])
+        history.regress(self.force_offset_n, 0, [of(0), of(1), of(2)])
     }
 }

@@ -20,6 +20,7 @@ mod sets;
 mod tanh;
 pub(crate) mod tsk;
 
+pub(crate) use arx::ArxShape;
 pub use arx::{Arx, LAGS, SAVARESI_LAGS};
 pub use dependence::{Dependence, MAX_DEGREE};
 pub use form::Form;
@@ -27,6 +28,7 @@ pub(crate) use fuzzy_tanh::FuzzyTanhAlong;
 pub use fuzzy_tanh::{FuzzyTanh, FuzzyTanhAt, TanhFunction};
 pub use history::{DEPTH, History};
 pub use law::{ForceLaw, LawModel, LawState, Sensitivity};
+pub(crate) use lazy::Learning;
 pub use lazy::{Lazy, LazyMetric, LazyPoint, MAX_NEIGHBOURS, MAX_POINTS, MIN_NEIGHBOURS};
 pub use lpv::{LPV_REGRESSORS, Lpv};
 pub use maxwell_slip::{

@@ -1,8 +1,9 @@
-//! Autoregressive feed-forward networks: `wang-liao` (recurrent direct model) and `chen`.
+//! Autoregressive feed-forward networks: `wang-liao` (recurrent direct model), `narx` and `chen`.
 //!
 //! ```text
 //! u   = [ x_k .. x_{k-p+1}, v_k .. v_{k-p+1}, (i_k .. i_{k-q+1},) F_{k-1} .. F_{k-r} ],  each as (s - mean) / deviation
-//! h_j = tanh( sum_i W_ji u_i + b_j )                          j = 1 .. H
+//! g_i = tanh( a_i u_i + d_i ), or u_i                          i = 1 .. n,   with or without neurons in the input layer
+//! h_j = tanh( sum_i W_ji g_i + b_j )                          j = 1 .. H
 //! F_k = F0 + deviation_F ( sum_j c_j h_j + c_0 )
 //! ```
 //!
@@ -11,16 +12,21 @@
 //! | x, v | history | m, m/s | displacement from the rest position, velocity; positive in extension |
 //! | i | history | A or V | drive: coil current, or command voltage; semi-active form only |
 //! | F | history | N | force, including the session's offset: measured (one-step-ahead prediction) or predicted (simulation, free run) |
-//! | W, b, c | `weights` | 1 | weights of normalised signals |
+//! | W, b, c, a, d | `weights` | 1 | weights of normalised signals |
 //! | mean, deviation | `Scaling` | of the signal | mean and standard deviation of the training data |
 //! | F0 | `force_offset_n` | N | mean force of the session; it is also the mean in the normalisation of force |
 //!
-//! | structure | lags of x, v, i, F | hidden | source |
-//! |---|---|---|---|
-//! | `wang-liao` passive | 5, 5, -, 5 | 15 | Wang and Liao: a recurrent direct model, 15 inputs, no current |
-//! | `wang-liao` semi-active | 5, 5, 5, 5 | 15 | our extension: five lags of the drive as further inputs |
-//! | `chen` semi-active | 2, 2, 2, 1 | 25 | Chen: 7 inputs |
-//! | `chen` passive | 2, 2, -, 1 | 25 | the same without the drive |
+//! | structure | lags of x, v, i, F | input layer | hidden | source |
+//! |---|---|---|---|---|
+//! | `wang-liao` passive | 5, 5, -, 5 | 15 neurons | 15 | Wang and Liao: a recurrent direct model, no current |
+//! | `wang-liao` semi-active | 5, 5, 5, 5 | 20 neurons | 15 | our extension: five samples of the drive and their neurons |
+//! | `narx` | as `wang-liao` | inputs as they are | 15 | a usual NARX network of this size |
+//! | `chen` semi-active | 2, 2, 2, 1 | inputs as they are | 25 | Chen: 7 inputs |
+//! | `chen` passive | 2, 2, -, 1 | inputs as they are | 25 | the same without the drive |
+//!
+//! The thesis describes the network of Wang and Liao by "fifteen input layer neurons, five for each input", where "the form of the input
+//! and hidden layers was sigmoidal and that of the output layer was linear". As five neurons belong to each signal, and five samples of
+//! each signal are its inputs, each input neuron is taken to see one input alone, with a weight a and a bias d of its own.
 //!
 //! The activation function is tanh. A logistic function gives the same set of models: sigma(z) = (1 + tanh(z/2)) /
 //! 2, and the weights absorb the factors.
@@ -42,21 +48,25 @@ pub const MAX_NETWORK_INPUTS: usize = 20;
 pub const MAX_NETWORK_HIDDEN: usize = 25;
 /// Number of hidden neurons, padded to whole vectors. The weights of the padding are zero.
 const LANES: usize = MAX_NETWORK_HIDDEN.next_multiple_of(PER_VECTOR);
+/// Number of inputs, padded to whole vectors.
+const INPUT_LANES: usize = MAX_NETWORK_INPUTS.next_multiple_of(PER_VECTOR);
 /// Number of values per vector: 32 bytes.
 const PER_VECTOR: usize = 4;
 
 /// Structure of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum NetworkStructure {
-    /// Five lags of each signal, 15 hidden neurons.
+    /// Five lags of each signal, each with a neuron of its own in the input layer; 15 hidden neurons.
     WangLiao,
+    /// Five lags of each signal, 15 hidden neurons.
+    Narx,
     /// Two lags of each input, one of force, 25 hidden neurons.
     Chen,
 }
 
 impl NetworkStructure {
     /// All structures.
-    pub const ALL: [Self; 2] = [Self::WangLiao, Self::Chen];
+    pub const ALL: [Self; 3] = [Self::WangLiao, Self::Narx, Self::Chen];
 
     /// The structure called `name`, as in the contract.
     #[must_use]
@@ -64,11 +74,12 @@ impl NetworkStructure {
         Self::ALL.into_iter().find(|structure| structure.name() == name)
     }
 
-    /// The model's name, as in the contract: `wang-liao`, `chen`.
+    /// The model's name, as in the contract: `wang-liao`, `narx`, `chen`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::WangLiao => "wang-liao",
+            Self::Narx => "narx",
             Self::Chen => "chen",
         }
     }
@@ -77,7 +88,7 @@ impl NetworkStructure {
     #[must_use]
     pub const fn input_lags(self) -> usize {
         match self {
-            Self::WangLiao => 5,
+            Self::WangLiao | Self::Narx => 5,
             Self::Chen => 2,
         }
     }
@@ -86,7 +97,7 @@ impl NetworkStructure {
     #[must_use]
     pub const fn force_lags(self) -> usize {
         match self {
-            Self::WangLiao => 5,
+            Self::WangLiao | Self::Narx => 5,
             Self::Chen => 1,
         }
     }
@@ -95,7 +106,7 @@ impl NetworkStructure {
     #[must_use]
     pub const fn hidden(self) -> usize {
         match self {
-            Self::WangLiao => 15,
+            Self::WangLiao | Self::Narx => 15,
             Self::Chen => 25,
         }
     }
@@ -107,10 +118,19 @@ impl NetworkStructure {
         signals * self.input_lags() + self.force_lags()
     }
 
-    /// Number of weights of the passive form, or of the semi-active form (`driven`): W, b, c and c_0.
+    /// True if the input layer has neurons: each input passes a sigmoid of its own.
+    #[must_use]
+    pub const fn has_input_neurons(self) -> bool {
+        matches!(self, Self::WangLiao)
+    }
+
+    /// Number of weights of the passive form, or of the semi-active form (`driven`): W, b, c and c_0 and, for a structure with
+    /// neurons in the input layer, a and d.
     #[must_use]
     pub const fn weights(self, driven: bool) -> usize {
-        self.hidden() * (self.inputs(driven) + 2) + 1
+        let inputs = self.inputs(driven);
+        let input_layer = if self.has_input_neurons() { 2 * inputs } else { 0 };
+        self.hidden() * (inputs + 2) + 1 + input_layer
     }
 }
 
@@ -152,7 +172,7 @@ pub struct NetworkScaling {
     pub force_deviation_n: f64,
 }
 
-/// An autoregressive network with one hidden layer.
+/// An autoregressive network with one hidden layer and, for `wang-liao`, neurons in the input layer.
 ///
 /// ```
 /// use mr_damper_model::force::{ForceModel, FreeRun, Inputs, Network, NetworkScaling, NetworkStructure, Normalisation};
@@ -187,13 +207,16 @@ pub struct Network {
     hidden_bias: [f64; LANES],
     output: [f64; LANES],
     output_bias: f64,
+    /// a and d of the input layer; not used by a structure without neurons there.
+    input_gain: [f64; INPUT_LANES],
+    input_bias: [f64; INPUT_LANES],
     sample_period_s: f64,
     force_offset_n: f64,
 }
 
 impl Network {
     /// A network from its normalised `weights`: W input by input (the weights of one input to all hidden neurons are
-    /// adjacent), then b, then c, then c_0. The inputs are in the order of the equation above.
+    /// adjacent), then b, then c, then c_0, then a and d if the input layer has neurons. The inputs are in the order of the equation above.
     ///
     /// # Errors
     /// When the number of weights is not [`NetworkStructure::weights`], a number is not finite, or a deviation or
@@ -235,6 +258,8 @@ impl Network {
             hidden_bias: [0.0; LANES],
             output: [0.0; LANES],
             output_bias: 0.0,
+            input_gain: [0.0; INPUT_LANES],
+            input_bias: [0.0; INPUT_LANES],
             sample_period_s,
             force_offset_n,
         };
@@ -244,14 +269,20 @@ impl Network {
     /// The same network with other weights, as many as it has.
     pub(crate) fn with_weights(mut self, weights: &[f64]) -> Self {
         let hidden = self.structure.hidden();
-        let (last, rows) = weights.split_last().unwrap_or((&0.0, &[]));
+        let (rows, rest) = weights.split_at(hidden * (self.inputs + 2));
         let mut rows = rows.chunks_exact(hidden);
         for to in self.hidden[..self.inputs].iter_mut().chain([&mut self.hidden_bias, &mut self.output]) {
             if let Some(from) = rows.next() {
                 to[..hidden].copy_from_slice(from);
             }
         }
-        self.output_bias = *last;
+        let (output_bias, input_layer) = rest.split_at(1);
+        self.output_bias = output_bias[0];
+        if self.structure.has_input_neurons() {
+            let (gain, bias) = input_layer.split_at(self.inputs);
+            self.input_gain[..self.inputs].copy_from_slice(gain);
+            self.input_bias[..self.inputs].copy_from_slice(bias);
+        }
         self
     }
 
@@ -260,7 +291,9 @@ impl Network {
     pub fn weights(&self) -> Vec<f64> {
         let rows = self.hidden[..self.inputs].iter().chain([&self.hidden_bias, &self.output]);
         let hidden = self.structure.hidden();
-        rows.flat_map(|row| row[..hidden].iter().copied()).chain([self.output_bias]).collect()
+        let rest = if self.structure.has_input_neurons() { self.inputs } else { 0 };
+        let input_layer = self.input_gain[..rest].iter().chain(&self.input_bias[..rest]);
+        rows.flat_map(|row| &row[..hidden]).chain([&self.output_bias]).chain(input_layer).copied().collect()
     }
 
     /// The structure of the network.
@@ -323,8 +356,7 @@ impl Network {
         if !self.gather(history, &mut inputs) {
             return None;
         }
-        let (output, _) = self.forward(&inputs[..self.inputs]);
-        Some(self.force_offset_n + self.scaling.force_deviation_n * output)
+        Some(self.force_offset_n + self.scaling.force_deviation_n * self.forward(&inputs[..self.inputs]))
     }
 
     /// Fills `inputs` with the normalised inputs from `history`; false if one is not known.
@@ -350,9 +382,35 @@ impl Network {
         complete
     }
 
-    /// The normalised output for normalised `inputs`, and the values of the hidden neurons.
+    /// The normalised output for normalised `inputs`.
     #[inline]
-    pub(crate) fn forward(&self, inputs: &[f64]) -> (f64, [f64; LANES]) {
+    pub(crate) fn forward(&self, inputs: &[f64]) -> f64 {
+        if self.structure.has_input_neurons() {
+            let neurons = self.input_neurons(inputs);
+            self.hidden_and_output(&neurons[..self.inputs]).0
+        } else {
+            self.hidden_and_output(inputs).0
+        }
+    }
+
+    /// g, the values of the neurons in the input layer.
+    #[inline]
+    fn input_neurons(&self, inputs: &[f64]) -> [f64; INPUT_LANES] {
+        let mut neurons = self.input_bias;
+        for ((neuron, gain), input) in neurons.iter_mut().zip(&self.input_gain).zip(inputs) {
+            *neuron += gain * input;
+        }
+        for values in neurons.chunks_exact_mut(PER_VECTOR) {
+            for value in values {
+                *value = tanh_in_lanes(*value);
+            }
+        }
+        neurons
+    }
+
+    /// The normalised output for the values `inputs` of the input layer, and the values of the hidden neurons.
+    #[inline]
+    fn hidden_and_output(&self, inputs: &[f64]) -> (f64, [f64; LANES]) {
         let lanes = self.structure.hidden().next_multiple_of(PER_VECTOR);
         let mut hidden = self.hidden_bias;
         for (input, weights) in inputs.iter().zip(&self.hidden) {
@@ -377,21 +435,27 @@ impl Network {
     ///
     /// ```text
     /// d/dc_j = h_j      d/dc_0 = 1      delta_j = c_j (1 - h_j^2)
-    /// d/dW_ji = delta_j u_i      d/db_j = delta_j      d/du_i = sum_j delta_j W_ji
+    /// d/dW_ji = delta_j g_i      d/db_j = delta_j      d/dg_i = sum_j delta_j W_ji
+    /// d/dd_i = (1 - g_i^2) d/dg_i      d/da_i = u_i d/dd_i      d/du_i = a_i d/dd_i
     /// ```
+    ///
+    /// Without neurons in the input layer g_i is u_i.
     ///
     /// # Panics
     /// When a slice is shorter than the number of inputs or weights.
     #[inline]
     pub(crate) fn gradient(&self, inputs: &[f64], by_weight: &mut [f64], by_input: &mut [f64]) -> f64 {
         let count = self.structure.hidden();
-        let (output, hidden) = self.forward(&inputs[..self.inputs]);
+        let inputs = &inputs[..self.inputs];
+        let neurons = self.structure.has_input_neurons().then(|| self.input_neurons(inputs));
+        let values = neurons.as_ref().map_or(inputs, |neurons| &neurons[..self.inputs]);
+        let (output, hidden) = self.hidden_and_output(values);
         let mut delta = [0.0; LANES];
         for ((delta, value), weight) in delta.iter_mut().zip(&hidden).zip(&self.output) {
             *delta = weight * (1.0 - value * value);
         }
         let mut rows = by_weight.chunks_exact_mut(count);
-        for ((input, weights), by_input) in inputs.iter().zip(&self.hidden).zip(by_input) {
+        for ((value, weights), by_input) in values.iter().zip(&self.hidden).zip(by_input.iter_mut()) {
             let mut sums = [0.0; PER_VECTOR];
             for (weights, delta) in weights.chunks_exact(PER_VECTOR).zip(delta.chunks_exact(PER_VECTOR)) {
                 for ((sum, weight), delta) in sums.iter_mut().zip(weights).zip(delta) {
@@ -400,7 +464,7 @@ impl Network {
             }
             *by_input = sums.iter().sum();
             for (to, delta) in rows.next().into_iter().flatten().zip(&delta) {
-                *to = input * delta;
+                *to = value * delta;
             }
         }
         for values in [&delta, &hidden] {
@@ -408,7 +472,16 @@ impl Network {
                 *to = *value;
             }
         }
-        by_weight[self.parameter_count() - 1] = 1.0;
+        let at = count * (self.inputs + 2);
+        by_weight[at] = 1.0;
+        if let Some(neurons) = neurons {
+            let (by_gain, by_bias) = by_weight[at + 1..].split_at_mut(self.inputs);
+            for (i, by_input) in by_input[..self.inputs].iter_mut().enumerate() {
+                let slope = *by_input * (1.0 - neurons[i] * neurons[i]);
+                (by_gain[i], by_bias[i]) = (inputs[i] * slope, slope);
+                *by_input = self.input_gain[i] * slope;
+            }
+        }
         output
     }
 }
@@ -437,8 +510,14 @@ mod tests {
     }
 
     /// The equation at the head of this file, for any number type.
-    fn by_the_equation<D: DualNum + Copy>(hidden: usize, weights: &[D], inputs: &[D]) -> D {
-        let n = inputs.len();
+    fn by_the_equation<D: DualNum + Copy>(structure: NetworkStructure, weights: &[D], inputs: &[D]) -> D {
+        let (n, hidden) = (inputs.len(), structure.hidden());
+        let first = hidden * (n + 2) + 1;
+        let neuron = |i: usize| match structure {
+            NetworkStructure::WangLiao => (weights[first + i] * inputs[i] + weights[first + n + i]).tanh(),
+            NetworkStructure::Narx | NetworkStructure::Chen => inputs[i],
+        };
+        let inputs: Vec<D> = (0..n).map(neuron).collect();
         (0..hidden).fold(weights[hidden * (n + 2)], |sum, j| {
             let z = (0..n).fold(weights[hidden * n + j], |z, i| z + weights[hidden * i + j] * inputs[i]);
             sum + weights[hidden * (n + 1) + j] * z.tanh()
@@ -448,7 +527,7 @@ mod tests {
     #[test]
     fn gradient_agrees_with_the_equation() {
         let mut random = Pcg64Mcg::seed_from_u64(3);
-        for structure in [NetworkStructure::WangLiao, NetworkStructure::Chen] {
+        for structure in NetworkStructure::ALL {
             for driven in [false, true] {
                 let network = network(structure, driven, 7);
                 let (n, weights) = (structure.inputs(driven), network.weights());
@@ -460,7 +539,7 @@ mod tests {
                     let weights: Vec<Dual64> = weights.iter().enumerate().map(dual).collect();
                     let inputs: Vec<Dual64> =
                         inputs.iter().enumerate().map(|(k, v)| dual((k + by_weight.len(), v))).collect();
-                    let truth = by_the_equation(structure.hidden(), &weights, &inputs);
+                    let truth = by_the_equation(structure, &weights, &inputs);
                     let found = by_weight.iter().chain(&by_input).nth(which).expect("as many");
                     assert!((truth.eps - found).abs() < 1e-13, "{structure:?} {which}: {truth} {found}");
                     assert!((truth.re - output).abs() < 1e-13);
@@ -471,7 +550,7 @@ mod tests {
 
     #[test]
     fn prediction_normalises_and_orders_the_lags() {
-        for structure in [NetworkStructure::WangLiao, NetworkStructure::Chen] {
+        for structure in NetworkStructure::ALL {
             let network = network(structure, true, 11);
             let history = History {
                 force_n: [100.0, -50.0, 25.0, 310.0, 8.0],
@@ -487,7 +566,7 @@ mod tests {
                 .chain(history.drive[..p].iter().map(|i| (i - 0.8) / 0.5))
                 .chain(history.force_n[..r].iter().map(|f| (f - 35.0) / 400.0))
                 .collect();
-            let truth = 35.0 + 400.0 * by_the_equation(structure.hidden(), &network.weights(), &inputs);
+            let truth = 35.0 + 400.0 * by_the_equation(structure, &network.weights(), &inputs);
             let found = network.predict_n(&history).expect("all is known");
             assert!((found - truth).abs() < 1e-9, "{found} {truth}");
             let unknown = History { force_n: [f64::NAN; DEPTH], ..history };
@@ -500,7 +579,7 @@ mod tests {
         let scaling =
             NetworkScaling { displacement_m: ONE, velocity_m_s: ONE, drive: None, force_deviation_n: 1.0 };
         let make = |scaling, count: usize, weight: f64| {
-            Network::new(NetworkStructure::WangLiao, scaling, &vec![weight; count], Second(0.002), 0.0)
+            Network::new(NetworkStructure::Narx, scaling, &vec![weight; count], Second(0.002), 0.0)
         };
         assert!(make(scaling, 256, 0.1).is_ok());
         let text = make(scaling, 255, 0.1).expect_err("too few").to_string();
@@ -515,8 +594,11 @@ mod tests {
     proptest! {
         #[test]
         fn weights_are_restored(seed: u64, driven: bool) {
-            let network = network(NetworkStructure::Chen, driven, seed);
-            prop_assert_eq!(network.with_weights(&network.weights()), network);
+            for structure in NetworkStructure::ALL {
+                let network = network(structure, driven, seed);
+                prop_assert_eq!(network.with_weights(&network.weights()), network);
+                prop_assert_eq!(network.weights().len(), structure.weights(driven));
+            }
         }
     }
 }

@@ -4,7 +4,7 @@ use super::Watch;
 use super::dataset::Dataset;
 use super::regression::{Regression, common_rate};
 use crate::error::Error;
-use crate::force::{Arx, Dependence, SAVARESI_LAGS};
+use crate::force::{Arx, ArxShape, Dependence};
 use crate::sample::DriveKind;
 use crate::units::Second;
 
@@ -14,30 +14,31 @@ pub(super) struct Fitted {
     pub(super) model: Arx,
     /// Offset of each run, N.
     pub(super) offsets_n: Vec<f64>,
-    /// Rank of the regression.
-    pub(super) rank: usize,
+    /// Rank of the regression; a recursive fit does not compute it.
+    pub(super) rank: Option<usize>,
 }
 
-/// Fits a passive (`drive` is `None`) or semi-active ARX of `lags` lags (3, or 2: `savaresi`) to `datasets`.
+/// Fits a passive (`drive` is `None`) or semi-active ARX of `shape` to `datasets`, in one step or, `recursively`, sample by
+/// sample.
 pub(super) fn fit(
     datasets: &[Dataset],
-    lags: usize,
+    shape: ArxShape,
     drive: Option<DriveKind>,
+    recursively: bool,
     watch: &Watch,
 ) -> Result<Fitted, Error> {
-    let model = if lags == SAVARESI_LAGS { "savaresi" } else { "arx" };
-    let period_s = 1.0 / common_rate(datasets, model)?;
+    let ArxShape { lags, delay } = shape;
+    let period_s = 1.0 / common_rate(datasets, shape.name())?;
     let dependence = Dependence::None;
-    let regression = Regression { model, period_s, lags, dependence, drive_lags: drive.is_some() };
-    let found = regression.fit(datasets, watch)?;
-    let a = &found.coefficients;
-    let (offset_n, period) = (super::mean_offset(datasets, &found.offsets_n), Second(period_s));
-    let model = if lags == SAVARESI_LAGS {
-        let of = |signal: usize| std::array::from_fn(|j| a[signal * lags + j]);
-        Arx::savaresi(of(0), of(1), of(2), drive.map(|kind| (kind, of(3))), period, offset_n)?
+    let (model, drive_lags) = (shape.name(), drive.is_some());
+    let regression = Regression { model, period_s, lags, delay, dependence, drive_lags };
+    let found = if recursively {
+        regression.fit_recursively(datasets, watch)?
     } else {
-        let of = |signal: usize| std::array::from_fn(|j| a[signal * lags + j]);
-        Arx::new(of(0), of(1), of(2), drive.map(|kind| (kind, of(3))), period, offset_n)?
+        regression.fit(datasets, watch)?
     };
+    let of = |signal: usize| &found.coefficients.as_slice()[signal * lags..(signal + 1) * lags];
+    let (offset_n, period) = (super::mean_offset(datasets, &found.offsets_n), Second(period_s));
+    let model = shape.model([of(0), of(1), of(2)], drive.map(|kind| (kind, of(3))), period, offset_n)?;
     Ok(Fitted { model, offsets_n: found.offsets_n, rank: found.rank })
 }

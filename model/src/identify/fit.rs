@@ -10,7 +10,7 @@ use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, maxwell_
 use crate::condition::Conditioning;
 use crate::effect::Effects;
 use crate::error::{Error, IdentifyError};
-use crate::force::{Dependence, ForceLaw, ForceModel, Form, LAGS, NetworkStructure, SAVARESI_LAGS, TskKind};
+use crate::force::{ArxShape, Dependence, ForceLaw, ForceModel, Form, LAGS, NetworkStructure, TskKind};
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::DriveKind;
 use std::borrow::Cow;
@@ -31,8 +31,9 @@ pub(super) fn fit(
     let job = Job { spec, drive, datasets: &shortened(spec, all, options), options, watch };
     let (force, offsets_n, mut details) = match spec.structure() {
         Structure::Phase => return Err(cannot_run()),
-        Structure::Arx => job.arx(LAGS)?,
-        Structure::Savaresi => job.arx(SAVARESI_LAGS)?,
+        Structure::Arx => job.arx(ArxShape::PLAIN)?,
+        Structure::ArxDelayed => job.arx(ArxShape::DELAYED)?,
+        Structure::Savaresi => job.arx(ArxShape::SAVARESI)?,
         Structure::Lpv => job.lpv()?,
         Structure::FuzzyTanh => job.fuzzy_tanh()?,
         Structure::MaxwellSlip => job.maxwell_slip()?,
@@ -79,7 +80,8 @@ pub(super) fn sample_esr(
 /// `options` with what the variant of `spec` prescribes.
 fn of_variant(spec: ModelSpec, options: &Options) -> Cow<'_, Options> {
     match spec.variant() {
-        Some(Variant::Linear) => Cow::Owned(Options { degree: 1, ..options.clone() }),
+        // Kwok et al. fit parameters that are linear in the drive by a swarm.
+        Some(Variant::Linear | Variant::Swarm) => Cow::Owned(Options { degree: 1, ..options.clone() }),
         _ => Cow::Borrowed(options),
     }
 }
@@ -94,9 +96,10 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    fn arx(&self, lags: usize) -> Result<Fitted, Error> {
-        let fitted = arx::fit(self.datasets, lags, self.drive, self.watch)?;
-        let details = Details { rank: Some(fitted.rank), converged: true, ..Details::default() };
+    fn arx(&self, shape: ArxShape) -> Result<Fitted, Error> {
+        let recursively = self.spec.variant() == Some(Variant::Recursive);
+        let fitted = arx::fit(self.datasets, shape, self.drive, recursively, self.watch)?;
+        let details = Details { rank: fitted.rank, converged: true, ..Details::default() };
         Ok((ForceModel::Arx(fitted.model), fitted.offsets_n, details))
     }
 
@@ -109,7 +112,7 @@ impl Job<'_> {
         let mut warnings = self.lowered_degree(&dependence);
         warnings.extend(fitted.warnings);
         let details =
-            Details { rank: Some(fitted.rank), converged: true, memberships, warnings, ..Details::default() };
+            Details { rank: fitted.rank, converged: true, memberships, warnings, ..Details::default() };
         Ok((ForceModel::Lpv(fitted.model), fitted.offsets_n, details))
     }
 
@@ -150,6 +153,9 @@ impl Job<'_> {
                     law::fit_free(self.datasets, law, start.sets, levels, self.options, self.watch)?;
                 memberships = Some(sets);
                 (model, found)
+            }
+            _ if self.spec.variant() == Some(Variant::Swarm) => {
+                law::fit_by_swarm(self.datasets, law, dependence, self.options, self.watch)?
             }
             _ => law::fit(self.datasets, law, dependence, self.options, self.watch)?,
         };

@@ -21,6 +21,7 @@ use super::levels::Memberships;
 use super::row_problem::Columns;
 use super::scales::Scales;
 use super::search::{self, Found, SearchedModel};
+use super::swarm::{self, Swarmed};
 use super::tanh_columns::push_weights;
 use super::{Options, Watch};
 use crate::error::{Error, IdentifyError};
@@ -50,6 +51,21 @@ pub(super) fn fit(
         searched.seed = Some(seed(datasets, law, &sets, scales, options, watch)?);
     }
     let found = search::search(datasets, &searched, options, watch)?;
+    let offset_n = super::mean_offset(datasets, &found.offsets_n);
+    Ok((LawModel::new(law, dependence, &found.natural, offset_n)?, found))
+}
+
+/// Fits `law` with `dependence` (none, or polynomials) to `datasets` by a particle swarm.
+pub(super) fn fit_by_swarm(
+    datasets: &[Dataset],
+    law: ForceLaw,
+    dependence: Dependence,
+    options: &Options,
+    watch: &Watch,
+) -> Result<(LawModel, Found), Error> {
+    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None };
+    check_rows(datasets, law, searched.parameters())?;
+    let found = swarm::search(datasets, &searched, options, watch)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
     Ok((LawModel::new(law, dependence, &found.natural, offset_n)?, found))
 }
@@ -349,6 +365,26 @@ impl SearchedModel for LawColumns {
 
     fn natural_slopes(&self, parameters: &[f64]) -> Vec<f64> {
         vec![1.0; parameters.len()]
+    }
+}
+
+impl Swarmed for LawColumns {
+    fn start_ranges(&self) -> Vec<[f64; 2]> {
+        let n = self.per_copy();
+        let one = |(j, bounds): (usize, [f64; 2])| {
+            let (copy, parameter) = (j / n, self.law.parameters()[j % n]);
+            let size = self.scales.size(parameter.scale);
+            let [low, high] = parameter.start;
+            let constant = copy == 0 || matches!(self.dependence, Dependence::Fuzzy(_));
+            let [low, high] = if constant {
+                [low * size, high * size]
+            } else {
+                let width = (high - low) * size / self.scales.drive.powi(copy as i32);
+                [-width, width]
+            };
+            [low.clamp(bounds[0], bounds[1]), high.clamp(bounds[0], bounds[1])]
+        };
+        self.bounds().into_iter().enumerate().map(one).collect()
     }
 }
 

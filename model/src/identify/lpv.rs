@@ -18,7 +18,7 @@ pub(super) struct Fitted {
     /// Offset of each run, N.
     pub(super) offsets_n: Vec<f64>,
     /// Rank of the regression.
-    pub(super) rank: usize,
+    pub(super) rank: Option<usize>,
     /// Warnings for the user of the model.
     pub(super) warnings: Vec<String>,
 }
@@ -26,7 +26,8 @@ pub(super) struct Fitted {
 /// Fits an LPV model to `datasets`; `dependence` must be on a drive.
 pub(super) fn fit(datasets: &[Dataset], dependence: Dependence, watch: &Watch) -> Result<Fitted, Error> {
     let period_s = 1.0 / common_rate(datasets, "lpv")?;
-    let regression = Regression { model: "lpv", period_s, lags: LAGS, dependence, drive_lags: false };
+    let regression =
+        Regression { model: "lpv", period_s, lags: LAGS, delay: 0, dependence, drive_lags: false };
     let found = regression.fit(datasets, watch)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
     let model = Lpv::new(dependence, found.coefficients.as_slice(), Second(period_s), offset_n)?;

@@ -11,9 +11,10 @@
 //! This is the recurrent network of Wang and Liao. Its one-step-ahead prediction is worse than it could be;
 //! compare it with persistence.
 //!
-//! `wang-liao` is trained by the Levenberg-Marquardt method, with derivatives propagated along the window.
+//! `wang-liao` and `narx` are trained by the Levenberg-Marquardt method, with derivatives propagated along the window.
 //! `chen` is trained by back-propagation through the window in mini-batches, with Adam steps. Initial weights
-//! follow Nguyen and Widrow.
+//! follow Nguyen and Widrow. A neuron of the input layer starts with a gain of one half, so that two deviations of its signal lie in
+//! its steep part.
 //!
 //! Every fifth stretch of two seconds is held back. Of all weights in the course of a training, those with
 //! the best simulation over the held-back rows are kept; the best restart is chosen in the same way. This
@@ -59,6 +60,8 @@ pub(super) const RESTARTS_PER_RESTART: u32 = 8;
 const POLISHED: usize = 2;
 /// Accepted steps without a better simulation of the held-back rows after which a stage ends.
 const PATIENCE: u32 = 8;
+/// Gain of the neurons in the input layer before training; their bias is zero.
+const INPUT_GAIN: f64 = 0.5;
 /// A channel is constant if its deviation is below this share of its mean.
 const ROUNDING: f64 = 1e-9;
 
@@ -201,7 +204,7 @@ struct Candidate {
 fn train(table: &Table, restarts: u32, seed: u64, watch: &Watch) -> Result<(Vec<f64>, Candidate), Error> {
     let done = AtomicUsize::new(0);
     let (stages, last) = match table.network.structure() {
-        NetworkStructure::WangLiao => (&MARQUARDT[..2], MARQUARDT[2]),
+        NetworkStructure::WangLiao | NetworkStructure::Narx => (&MARQUARDT[..2], MARQUARDT[2]),
         NetworkStructure::Chen => (&ADAM[..2], ADAM[2]),
     };
     let explore = |restart| {
@@ -251,13 +254,16 @@ fn nguyen_widrow(network: &Network, random: &mut Pcg64Mcg) -> Vec<f64> {
     for c in &mut weights[(inputs + 1) * hidden..][..hidden] {
         *c = uniform(0.3);
     }
+    if network.structure().has_input_neurons() {
+        weights[(inputs + 2) * hidden + 1..][..inputs].fill(INPUT_GAIN);
+    }
     weights
 }
 
 /// Runs one stage of training and returns its best weights; `None` if cancelled.
 fn one_stage(table: &Table, start: Candidate, stage: Stage, watch: &Watch) -> Option<Candidate> {
     match table.network.structure() {
-        NetworkStructure::WangLiao => marquardt(table, start, stage, watch),
+        NetworkStructure::WangLiao | NetworkStructure::Narx => marquardt(table, start, stage, watch),
         NetworkStructure::Chen => adam(table, start, stage, watch),
     }
 }
@@ -441,7 +447,13 @@ mod tests {
                 forces = before[..lags].iter().rev().map(|f| D::from(*f)).collect();
             }
             let newest_first = forces.iter().rev().take(lags).copied();
-            let inputs: Vec<D> = given.iter().map(|u| D::from(*u)).chain(newest_first).collect();
+            let mut inputs: Vec<D> = given.iter().map(|u| D::from(*u)).chain(newest_first).collect();
+            if network.structure() == NetworkStructure::WangLiao {
+                let first = hidden * (n + 2) + 1;
+                for (i, u) in inputs.iter_mut().enumerate() {
+                    *u = (weights[first + i] * *u + weights[first + n + i]).tanh();
+                }
+            }
             let predicted = (0..hidden).fold(weights[hidden * (n + 2)], |sum, j| {
                 let bias = weights[hidden * n + j];
                 let z = inputs.iter().enumerate().fold(bias, |z, (i, u)| z + weights[hidden * i + j] * *u);
@@ -511,6 +523,9 @@ mod tests {
                 weights[(inputs - structure.force_lags()) * hidden] = feedback;
                 weights[(inputs + 1) * hidden] = output;
                 weights[(inputs + 2) * hidden] = bias;
+                if structure.has_input_neurons() {
+                    weights[(inputs + 2) * hidden + 1..][..inputs].fill(1.0);
+                }
                 warnings(&table, &network.with_weights(&weights))
             };
             // A force of twenty deviations, which the feedback sustains.

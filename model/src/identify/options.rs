@@ -90,3 +90,37 @@ pub enum Loss {
         threshold_n: f64,
     },
 }
+
+/// Reweighting iterations for a robust loss.
+pub(super) const REWEIGHTINGS: usize = 8;
+
+impl Loss {
+    /// The value that minimises the loss of its differences to `residuals`: their mean or, for Huber's loss, a mean that
+    /// is reweighted.
+    pub(super) fn centre(self, residuals: &[f64]) -> f64 {
+        let mut centre = residuals.iter().sum::<f64>() / residuals.len().max(1) as f64;
+        if let Self::Huber { threshold_n } = self {
+            for _ in 0..REWEIGHTINGS {
+                let weighed = |residual: &f64| {
+                    let weight = (threshold_n / (residual - centre).abs()).min(1.0);
+                    (weight, weight * residual)
+                };
+                let (weight, sum) =
+                    residuals.iter().map(weighed).fold((0.0, 0.0), |(a, b), (c, d)| (a + c, b + d));
+                centre = sum / weight;
+            }
+        }
+        centre
+    }
+
+    /// The loss of one residual, N²: r² or, beyond Huber's threshold t, t (2 |r| - t).
+    pub(super) fn of(self, residual_n: f64) -> f64 {
+        let squared = residual_n * residual_n;
+        match self {
+            Self::Huber { threshold_n } if residual_n.abs() > threshold_n => {
+                threshold_n * (2.0 * residual_n.abs() - threshold_n)
+            }
+            Self::Squares | Self::Huber { .. } => squared,
+        }
+    }
+}

@@ -21,6 +21,7 @@
 
 use super::Watch;
 use super::dataset::Dataset;
+use super::recursive::{FORGETTING, INITIAL_VARIANCE, Recursion};
 use crate::condition::{ApplyTo, VelocitySource};
 use crate::error::{Error, IdentifyError};
 use crate::force::Dependence;
@@ -54,6 +55,8 @@ pub(super) struct Regression {
     pub(super) period_s: f64,
     /// Lags of each signal.
     pub(super) lags: usize,
+    /// Number of samples by which displacement, velocity and drive enter later; 0 or 1.
+    pub(super) delay: usize,
     /// How the coefficients of force, displacement and velocity depend on the drive.
     pub(super) dependence: Dependence,
     /// True when lags of the drive are regressors too.
@@ -66,8 +69,8 @@ pub(super) struct Regressed {
     pub(super) coefficients: DVector<f64>,
     /// Offset of each run, N.
     pub(super) offsets_n: Vec<f64>,
-    /// Rank of the regression.
-    pub(super) rank: usize,
+    /// Rank of the regression; a recursive fit does not compute it.
+    pub(super) rank: Option<usize>,
 }
 
 /// Summary of the rows of one run.
@@ -106,6 +109,22 @@ impl Regression {
                 return Err(Error::Cancelled);
             }
         }
+        self.check_rows(&means)?;
+        // After centring, a constant column holds only rounding errors, no signal.
+        let mut rounding = DVector::<f64>::zeros(n);
+        for means in &means {
+            let root = (means.rows as f64).sqrt();
+            rounding += means.mean.rows(0, n).map(|m| ROUNDING * m.abs() * root);
+        }
+        let (coefficients, rank) = triangle.solve(&rounding)?;
+        let runs = datasets.iter().zip(&means);
+        let offsets_n = runs.map(|(dataset, means)| self.offset_n(&coefficients, dataset, means)).collect();
+        Ok(Regressed { coefficients, offsets_n, rank: Some(rank) })
+    }
+
+    /// Refuses runs with too few rows for the number of coefficients.
+    fn check_rows(&self, means: &[Means]) -> Result<(), Error> {
+        let n = self.columns();
         let rows: usize = means.iter().map(|means| means.rows).sum();
         if rows < ROWS_PER_PARAMETER * n {
             return Err(IdentifyError::TooFewSamples {
@@ -118,16 +137,56 @@ impl Regression {
             }
             .into());
         }
-        // After centring, a constant column holds only rounding errors, no signal.
-        let mut rounding = DVector::<f64>::zeros(n);
-        for means in &means {
-            let root = (means.rows as f64).sqrt();
-            rounding += means.mean.rows(0, n).map(|m| ROUNDING * m.abs() * root);
+        Ok(())
+    }
+
+    /// Fits the coefficients to `datasets` sample by sample, run after run; see [`super::recursive`].
+    pub(super) fn fit_recursively(&self, datasets: &[Dataset], watch: &Watch) -> Result<Regressed, Error> {
+        let n = self.columns();
+        let (mut means, mut squares) = (Vec::with_capacity(datasets.len()), vec![0.0; n + 1]);
+        for dataset in datasets {
+            let (own, centred) = self.centred(dataset);
+            for (sum, column) in squares.iter_mut().zip(centred.column_iter()) {
+                *sum += column.norm_squared();
+            }
+            means.push(own);
         }
-        let (coefficients, rank) = triangle.solve(&rounding)?;
+        self.check_rows(&means)?;
+        let rows: usize = means.iter().map(|means| means.rows).sum();
+        // A column that is constant in each run has no deviation but the rounding of its mean.
+        let deviation = |j: usize| {
+            let largest = means.iter().map(|means| means.mean[j].abs()).fold(0.0, f64::max);
+            let deviation = (squares[j] / rows as f64).sqrt();
+            if deviation > ROUNDING * largest { deviation } else { 0.0 }
+        };
+        let deviations: Vec<f64> = (0..=n).map(deviation).collect();
+        if deviations[n] == 0.0 {
+            return Err(IdentifyError::Constant { channel: "force or displacement" }.into());
+        }
+        let mut recursion = Recursion::new(n + 1, FORGETTING, INITIAL_VARIANCE);
+        let mut regressors = vec![0.0; n + 1];
+        for (dataset, means) in datasets.iter().zip(&means) {
+            if watch.is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+            // The last regressor is the constant of the run.
+            recursion.restart(n, INITIAL_VARIANCE);
+            self.each(dataset, 0..dataset.rows.len(), means.zero_n, |row, _| {
+                for ((to, value), deviation) in regressors.iter_mut().zip(row).zip(&deviations) {
+                    *to = if *deviation > 0.0 { value / deviation } else { 0.0 };
+                }
+                regressors[n] = 1.0;
+                recursion.update(&regressors, row[n] / deviations[n]);
+            });
+        }
+        let unscaled = |(value, deviation): (&f64, &f64)| {
+            if *deviation > 0.0 { value * deviations[n] / deviation } else { 0.0 }
+        };
+        let coefficients =
+            DVector::from_iterator(n, recursion.coefficients().iter().zip(&deviations).take(n).map(unscaled));
         let runs = datasets.iter().zip(&means);
         let offsets_n = runs.map(|(dataset, means)| self.offset_n(&coefficients, dataset, means)).collect();
-        Ok(Regressed { coefficients, offsets_n, rank })
+        Ok(Regressed { coefficients, offsets_n, rank: None })
     }
 
     /// The force offset of a run, N, from its constant c.
@@ -207,12 +266,13 @@ impl Regression {
                 continue;
             }
             let rows = &dataset.rows[k - lags..=k];
-            if !rows[1..].iter().all(|row| row.dt_s.is_some_and(uniform)) {
+            // With a delay the inputs of the first row enter too, and so does the step of its velocity.
+            if !rows[1 - self.delay..].iter().all(|row| row.dt_s.is_some_and(uniform)) {
                 continue;
             }
             let weights = self.dependence.weights(rows[lags].drive);
             for lag in 0..lags {
-                let row = &rows[lags - lag];
+                let row = &rows[lags - lag - self.delay];
                 let stretch = if backward { row.dt_s.unwrap_or(self.period_s) * frequency } else { 1.0 };
                 for (copy, weight) in weights[..copies].iter().enumerate() {
                     let own = copy * per_copy + lag;

@@ -12,6 +12,7 @@
 //!
 //! Source: `[huber]` in the bibliography (node/docs/guide/bibliography.md), for Huber's loss.
 
+use super::Loss;
 use super::dataset::{Dataset, Row};
 use super::least_squares::{Normal, Problem};
 use crate::condition::{ApplyTo, LowPass, LowPassState};
@@ -211,6 +212,24 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         };
         let each: Vec<f64> = self.runs.par_iter().map(esr).collect();
         each.iter().sum::<f64>() / each.len().max(1) as f64
+    }
+
+    /// The cost at `parameters`, each run with its best offset; `None` if the work was cancelled.
+    pub(super) fn cost(&self, parameters: &[f64], loss: Loss) -> Option<f64> {
+        let natural = self.columns.natural(parameters);
+        let last = self.columns.parameters();
+        let mut residuals = Vec::new();
+        let mut cost = 0.0;
+        for rows in &self.runs {
+            if self.cancel.load(Ordering::Relaxed) {
+                return None;
+            }
+            residuals.clear();
+            self.each(rows, 0..rows.len(), &natural, |_, row| residuals.push(row[last]));
+            let centre = loss.centre(&residuals);
+            cost += residuals.iter().map(|residual| loss.of(residual - centre)).sum::<f64>();
+        }
+        Some(cost)
     }
 
     /// Mean residual (measured minus model) of each run's counted rows, N: the best-fitting offset.

@@ -8,6 +8,7 @@
 
 use super::dataset::Dataset;
 use super::least_squares::{Minimum, Problem, Stop, minimise};
+use super::options::REWEIGHTINGS;
 use super::row_problem::{Columns, RowProblem};
 use super::{Loss, Options, Progress, Watch};
 use crate::error::{Error, IdentifyError};
@@ -31,8 +32,6 @@ const PROMISING: usize = 4;
 const EVALUATED: usize = 6;
 /// Costs with a smaller relative difference are taken as the same minimum.
 const SAME: f64 = 1e-4;
-/// Reweighting iterations for a robust loss.
-const REWEIGHTINGS: usize = 8;
 /// Length of the blocks whose scatter gives standard errors, s: longer than the correlation time of
 /// residuals.
 const BLOCK_S: f64 = 1.0;
@@ -94,12 +93,7 @@ pub(super) fn search<S: SearchedModel>(
 
     let counted: usize = datasets.iter().map(Dataset::counted).sum();
     let fewer = options.most_rows.filter(|most| counted > *most);
-    let mut problem = match fewer {
-        Some(most) => {
-            RowProblem::sample(datasets, searched.clone(), most, options.seed, watch.flag()).in_parallel()
-        }
-        None => RowProblem::new(datasets, searched.clone(), watch.flag()),
-    };
+    let mut problem = final_problem(datasets, searched, options, watch);
     let bounds = searched.bounds();
     // The cost of a row decides how many candidates are refined, and how finely.
     let (polished, stop) = if searched.has_memory() {
@@ -144,15 +138,61 @@ pub(super) fn search<S: SearchedModel>(
         }
     }
     watch.report(Progress::Polish { done: candidates as u32, of: candidates as u32 });
+    let found = found(&problem, searched, &best.parameters)?;
+    Ok(Found { restart_rsse_n, converged: best.converged, ..found })
+}
+
+/// The result at `parameters`, which another method found: offsets and standard errors from all rows, or from
+/// the most rows that `options` allows.
+pub(super) fn finish<S: SearchedModel>(
+    datasets: &[Dataset],
+    searched: &S,
+    parameters: &[f64],
+    options: &Options,
+    watch: &Watch,
+) -> Result<Found, Error> {
+    let mut problem = final_problem(datasets, searched, options, watch);
+    if let Loss::Huber { threshold_n } = options.loss {
+        // Each time the offsets are those of the weights before.
+        for _ in 0..REWEIGHTINGS {
+            problem.weigh(parameters, threshold_n);
+        }
+    }
+    found(&problem, searched, parameters)
+}
+
+/// All rows, or a sample if the options limit their number.
+fn final_problem<'a, S: SearchedModel>(
+    datasets: &[Dataset],
+    searched: &S,
+    options: &Options,
+    watch: &'a Watch,
+) -> RowProblem<'a, S> {
+    let counted: usize = datasets.iter().map(Dataset::counted).sum();
+    match options.most_rows.filter(|most| counted > *most) {
+        Some(most) => {
+            RowProblem::sample(datasets, searched.clone(), most, options.seed, watch.flag()).in_parallel()
+        }
+        None => RowProblem::new(datasets, searched.clone(), watch.flag()),
+    }
+}
+
+/// The result at `parameters`, without restarts and not converged.
+fn found<S: SearchedModel>(
+    problem: &RowProblem<S>,
+    searched: &S,
+    parameters: &[f64],
+) -> Result<Found, Error> {
+    let bounds = searched.bounds();
     let on_bound =
         |(j, (p, b)): (usize, (&f64, &[f64; 2]))| (b[0] < b[1] && (*p <= b[0] || *p >= b[1])).then_some(j);
     Ok(Found {
-        natural: searched.natural(&best.parameters),
-        standard_errors: standard_errors(&problem, searched, &best.parameters)?,
-        on_bound: best.parameters.iter().zip(&bounds).enumerate().filter_map(on_bound).collect(),
-        offsets_n: problem.offsets_n(&best.parameters),
-        restart_rsse_n,
-        converged: best.converged,
+        natural: searched.natural(parameters),
+        standard_errors: standard_errors(problem, searched, parameters)?,
+        on_bound: parameters.iter().zip(&bounds).enumerate().filter_map(on_bound).collect(),
+        offsets_n: problem.offsets_n(parameters),
+        restart_rsse_n: Vec::new(),
+        converged: false,
     })
 }
 

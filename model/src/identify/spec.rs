@@ -10,6 +10,8 @@ use crate::force::{ForceLaw, Form, NetworkStructure, TskKind};
 pub enum Structure {
     /// Auto-regression with exogenous inputs (thesis 4.3, 4.4).
     Arx,
+    /// ARX whose inputs start at the sample before (equation 5 of the thesis' first paper).
+    ArxDelayed,
     /// ARX with two lags of each signal (thesis 2.8).
     Savaresi,
     /// ARX with coefficients that depend on the drive (linear parameter-varying; future work in the thesis).
@@ -46,9 +48,9 @@ pub enum Structure {
 pub enum Variant {
     /// Parameters linear in the drive, in place of polynomials of degree two.
     Linear,
-    /// Fitted by a particle swarm.
+    /// Fitted by a particle swarm; in the semi-active form with parameters linear in the drive.
     Swarm,
-    /// Fitted by recursive least squares.
+    /// Fitted by recursive least squares: one pass over the samples in their order.
     Recursive,
     /// Fitted by a genetic algorithm.
     Genetic,
@@ -110,6 +112,7 @@ impl Structure {
     pub fn all() -> Vec<Self> {
         let mut all = vec![
             Self::Arx,
+            Self::ArxDelayed,
             Self::Savaresi,
             Self::Lpv,
             Self::Phase,
@@ -128,6 +131,7 @@ impl Structure {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Arx => "arx",
+            Self::ArxDelayed => "arx-delayed",
             Self::Savaresi => "savaresi",
             Self::Lpv => "lpv",
             Self::Phase => "p",
@@ -151,6 +155,7 @@ impl Structure {
     pub const fn forms(self) -> &'static [Form] {
         match self {
             Self::Arx
+            | Self::ArxDelayed
             | Self::Savaresi
             | Self::Phase
             | Self::MaxwellSlip
@@ -234,9 +239,10 @@ impl ModelSpec {
     #[must_use]
     pub fn variants(self) -> &'static [Variant] {
         match (self.structure, self.form) {
-            (Structure::Law(ForceLaw::Kwok | ForceLaw::Li | ForceLaw::Choi), Form::SemiActive) => {
-                &[Variant::Linear]
-            }
+            (Structure::Arx | Structure::ArxDelayed, _) => &[Variant::Recursive],
+            (Structure::Law(ForceLaw::Kwok), Form::Passive) => &[Variant::Swarm],
+            (Structure::Law(ForceLaw::Kwok), Form::SemiActive) => &[Variant::Linear, Variant::Swarm],
+            (Structure::Law(ForceLaw::Li | ForceLaw::Choi), Form::SemiActive) => &[Variant::Linear],
             _ => &[],
         }
     }
@@ -281,7 +287,11 @@ impl ModelSpec {
     pub const fn feeds_on_force(self) -> bool {
         matches!(
             self.structure,
-            Structure::Arx | Structure::Savaresi | Structure::Lpv | Structure::Network(_)
+            Structure::Arx
+                | Structure::ArxDelayed
+                | Structure::Savaresi
+                | Structure::Lpv
+                | Structure::Network(_)
         )
     }
 

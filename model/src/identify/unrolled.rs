@@ -21,6 +21,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const STEP_TOLERANCE: f64 = 0.25;
 /// Number of rows of the Jacobian that are multiplied together.
 const PANEL: usize = 256;
+/// Number of columns of J'J that are computed together.
+const BLOCK: usize = 64;
 /// Number of partial sums of the normal equations, computed in parallel. It is fixed, so that sums do not
 /// depend on the number of threads.
 const CHUNKS: usize = 4;
@@ -162,7 +164,7 @@ impl Table {
             let mut forces = [0.0; DEPTH];
             for k in 0..segment.len() {
                 segment.inputs(k, &forces[..force_lags], &mut inputs);
-                let (predicted, _) = network.forward(&inputs[..network.inputs()]);
+                let predicted = network.forward(&inputs[..network.inputs()]);
                 forces.copy_within(..DEPTH - 1, 1);
                 forces[0] = predicted;
                 if segment.counts[k] {
@@ -352,8 +354,11 @@ impl Unrolled<'_> {
                 return None;
             }
             let segment = &self.table.segments[window.segment];
+            // Rows after the last one that enters the sum have no influence.
+            let enters = |k: &usize| k.is_multiple_of(self.stride) && segment.counts[*k];
+            let Some(last) = window.rows.clone().rev().find(enters) else { continue };
             let mut forces = segment.forces_before(window.rows.start);
-            for (step, k) in window.rows.clone().enumerate() {
+            for (step, k) in (window.rows.start..=last).enumerate() {
                 segment.inputs(k, &forces[..force_lags], &mut inputs);
                 let mut here = std::mem::take(&mut ring[step % (force_lags + 1)]);
                 let predicted = network.gradient(&inputs[..n], &mut here, &mut by_input);
@@ -365,7 +370,7 @@ impl Unrolled<'_> {
                 }
                 forces.copy_within(..DEPTH - 1, 1);
                 forces[0] = predicted;
-                if k % self.stride == 0 && segment.counts[k] {
+                if enters(&k) {
                     sums.add(&here, predicted - segment.measured(k));
                 }
                 ring[step % (force_lags + 1)] = here;
@@ -405,12 +410,20 @@ impl Sums {
         let residuals = self.residuals.rows(0, self.filled);
         self.normal.cost += residuals.norm_squared();
         self.normal.gradient.gemv(1.0, &panel, &residuals, 1.0);
-        self.normal.square.gemm(1.0, &panel, &panel.transpose(), 1.0);
+        // J'J is symmetric: only the blocks on and below the diagonal are computed.
+        let transposed = panel.transpose();
+        let parameters = panel.nrows();
+        for from in (0..parameters).step_by(BLOCK) {
+            let (rows, columns) = (parameters - from, BLOCK.min(parameters - from));
+            let mut block = self.normal.square.view_mut((from, from), (rows, columns));
+            block.gemm(1.0, &panel.rows(from, rows), &transposed.columns(from, columns), 1.0);
+        }
         self.filled = 0;
     }
 
     fn finish(mut self) -> Normal {
         self.fold();
+        self.normal.square.fill_upper_triangle_with_lower_triangle();
         self.normal
     }
 }

@@ -141,6 +141,12 @@ impl InverseController {
         Ok(Self { limits, inverse: None, memory })
     }
 
+    /// The last commanded current; before the first command, the safe current.
+    #[must_use]
+    pub const fn last_current(&self) -> Ampere {
+        Ampere(self.memory.last_a)
+    }
+
     /// Shape of the model's force over the current; `None` without an inverse.
     #[must_use]
     pub fn shape(&self) -> Option<&Shape> {

@@ -29,7 +29,7 @@ mod solve;
 mod surrogate;
 pub mod track;
 
-pub use control_law::{ControlLaw, Demand};
+pub use control_law::{ControlLaw, Demand, SkyhookGains};
 pub use controller::{CurrentCommand, InverseController};
 pub use limits::{LimitedBy, Limits};
 pub use method::Method;

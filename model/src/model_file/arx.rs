@@ -1,8 +1,9 @@
-//! Parameters of an ARX model in a model file (`arx` or `savaresi`): three or two coefficients per signal.
+//! Parameters of an ARX model in a model file (`arx`, `arx-delayed` or `savaresi`): three or two coefficients per signal. Those
+//! of displacement, velocity and drive belong to samples k, k-1, ... or, for `arx-delayed`, to k-1, k-2, ...
 
 use super::{drive_error, table_into};
 use crate::error::Error;
-use crate::force::{Arx, LAGS, SAVARESI_LAGS};
+use crate::force::{Arx, ArxShape, LAGS};
 use crate::sample::DriveKind;
 use crate::units::Second;
 use serde::{Deserialize, Serialize};
@@ -17,7 +18,7 @@ pub(super) struct Parameters {
     coefficient_resolution: f64,
     /// Coefficients of F_{k-1}, F_{k-2}, ...
     force_lags: Vec<f64>,
-    /// Coefficients of x_k, x_{k-1}, ...
+    /// Coefficients of x_k, x_{k-1}, ... (from x_{k-1} on for `arx-delayed`).
     displacement_lags_n_m: Vec<f64>,
     /// Coefficients of v_k, v_{k-1}, ...
     velocity_lags_n_s_m: Vec<f64>,
@@ -63,7 +64,7 @@ impl Parameters {
     }
 }
 
-pub(super) fn read(lags: usize, drive: Option<DriveKind>, table: &toml::Table) -> Result<Arx, Error> {
+pub(super) fn read(shape: ArxShape, drive: Option<DriveKind>, table: &toml::Table) -> Result<Arx, Error> {
     let p: Parameters = table_into("parameters", table.clone(), &KEYS)?;
     let driven = match (drive, p.current_lags_n_a, p.voltage_lags_n_v) {
         (None, None, None) => None,
@@ -81,40 +82,8 @@ pub(super) fn read(lags: usize, drive: Option<DriveKind>, table: &toml::Table) -
     let resolution =
         Error::check("coefficient_resolution", p.coefficient_resolution, "zero or positive", |r| r >= 0.0)?;
     let period = Second(p.sample_period_s);
-    let (force, x, v) = (&p.force_lags, &p.displacement_lags_n_m, &p.velocity_lags_n_s_m);
-    let arx = if lags == SAVARESI_LAGS {
-        let driven = driven
-            .map(|(kind, list)| coefficients("drive lags", &list).map(|list| (kind, list)))
-            .transpose()?;
-        Arx::savaresi(
-            coefficients("force_lags", force)?,
-            coefficients("displacement_lags_n_m", x)?,
-            coefficients("velocity_lags_n_s_m", v)?,
-            driven,
-            period,
-            p.force_offset_n,
-        )?
-    } else {
-        let driven = driven
-            .map(|(kind, list)| coefficients("drive lags", &list).map(|list| (kind, list)))
-            .transpose()?;
-        Arx::new(
-            coefficients("force_lags", force)?,
-            coefficients("displacement_lags_n_m", x)?,
-            coefficients("velocity_lags_n_s_m", v)?,
-            driven,
-            period,
-            p.force_offset_n,
-        )?
-    };
+    let lists = [&p.force_lags[..], &p.displacement_lags_n_m, &p.velocity_lags_n_s_m];
+    let driven = driven.as_ref().map(|(kind, list)| (*kind, list.as_slice()));
+    let arx = shape.model(lists, driven, period, p.force_offset_n)?;
     Ok(arx.with_resolution(resolution))
-}
-
-/// The list as an array of N coefficients.
-fn coefficients<const N: usize>(name: &str, list: &[f64]) -> Result<[f64; N], Error> {
-    list.try_into().map_err(|_| Error::Length {
-        name: format!("parameters.{name}"),
-        found: list.len(),
-        expected: N.to_string(),
-    })
 }

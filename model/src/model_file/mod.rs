@@ -36,7 +36,7 @@ mod tsk;
 use crate::condition::Conditioning;
 use crate::edit_distance::edit_distance;
 use crate::error::{Error, ModelFileError};
-use crate::force::{ForceLaw, ForceModel, LAGS, NetworkStructure, SAVARESI_LAGS, TskKind};
+use crate::force::{ArxShape, ForceLaw, ForceModel, NetworkStructure, TskKind};
 use crate::metrics::Fit;
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::DriveKind;
@@ -255,8 +255,9 @@ impl ModelFile {
             return Err(ModelFileError::Schema { found: read.schema, known: SCHEMA }.into());
         }
         let force = match read.model.as_str() {
-            "arx" => ForceModel::Arx(arx::read(LAGS, read.drive, &read.parameters)?),
-            "savaresi" => ForceModel::Arx(arx::read(SAVARESI_LAGS, read.drive, &read.parameters)?),
+            "arx" => ForceModel::Arx(arx::read(ArxShape::PLAIN, read.drive, &read.parameters)?),
+            "arx-delayed" => ForceModel::Arx(arx::read(ArxShape::DELAYED, read.drive, &read.parameters)?),
+            "savaresi" => ForceModel::Arx(arx::read(ArxShape::SAVARESI, read.drive, &read.parameters)?),
             "fuzzy-tanh" => ForceModel::FuzzyTanh(fuzzy_tanh::read(read.drive, &read.parameters)?),
             "lpv" => ForceModel::Lpv(lpv::read(read.drive, &read.parameters)?),
             "maxwell-slip" => ForceModel::MaxwellSlip(maxwell_slip::read(read.drive, &read.parameters)?),

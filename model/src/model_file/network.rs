@@ -33,10 +33,16 @@ pub(super) struct Parameters {
     /// One for each hidden neuron.
     output_weights: Vec<f64>,
     output_bias: f64,
+    /// `wang-liao`: weight of each neuron in the input layer. Absent in a structure without such neurons.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    input_gains: Option<Vec<f64>>,
+    /// `wang-liao`: bias of each neuron in the input layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    input_biases: Option<Vec<f64>>,
 }
 
 /// The known keys, to suggest the nearest one.
-const KEYS: [&str; 15] = [
+const KEYS: [&str; 17] = [
     "sample_period_s",
     "force_offset_n",
     "force_deviation_n",
@@ -52,6 +58,8 @@ const KEYS: [&str; 15] = [
     "hidden_biases",
     "output_weights",
     "output_bias",
+    "input_gains",
+    "input_biases",
 ];
 
 impl Parameters {
@@ -61,6 +69,8 @@ impl Parameters {
         let scaling = network.scaling();
         let drive = |kind| scaling.drive.filter(|(k, _)| *k == kind).map(|(_, drive)| drive);
         let (current, voltage) = (drive(DriveKind::CoilCurrent), drive(DriveKind::CommandVoltage));
+        let has_neurons = network.structure().has_input_neurons();
+        let input_layer = has_neurons.then(|| &weights[(inputs + 2) * hidden + 1..]);
         let row = |j| (0..inputs).map(|i| weights[i * hidden + j]).collect();
         Self {
             sample_period_s: network.sample_period().get(),
@@ -78,6 +88,8 @@ impl Parameters {
             hidden_biases: weights[inputs * hidden..][..hidden].to_vec(),
             output_weights: weights[(inputs + 1) * hidden..][..hidden].to_vec(),
             output_bias: weights[(inputs + 2) * hidden],
+            input_gains: input_layer.map(|layer| layer[..inputs].to_vec()),
+            input_biases: input_layer.map(|layer| layer[inputs..].to_vec()),
         }
     }
 }
@@ -107,6 +119,8 @@ pub(super) fn drive_normalisation(
     }
 }
 
+/// Reads a network. A file of `wang-liao` without an input layer is from before that structure had one: it is the same network by
+/// the name `narx`.
 pub(super) fn read(
     structure: NetworkStructure,
     drive: Option<DriveKind>,
@@ -118,6 +132,10 @@ pub(super) fn read(
         (p.current_mean_a, p.current_deviation_a),
         (p.voltage_mean_v, p.voltage_deviation_v),
     )?;
+    let structure = match (structure, &p.input_gains, &p.input_biases) {
+        (NetworkStructure::WangLiao, None, None) => NetworkStructure::Narx,
+        (structure, _, _) => structure,
+    };
     let (hidden, inputs) = (structure.hidden(), structure.inputs(drive.is_some()));
     let check = |name: String, found: usize, expected: usize, what: &str| {
         if found == expected {
@@ -135,6 +153,13 @@ pub(super) fn read(
     let mut weights: Vec<f64> =
         (0..inputs).flat_map(|i| p.hidden_weights.iter().map(move |row| row[i])).collect();
     weights.extend(p.hidden_biases.iter().chain(&p.output_weights).chain([&p.output_bias]));
+    let expected = if structure.has_input_neurons() { inputs } else { 0 };
+    for (name, list) in [("input_gains", &p.input_gains), ("input_biases", &p.input_biases)] {
+        let list = list.as_deref().unwrap_or_default();
+        let what = if expected > 0 { "one for each input" } else { "this structure has no input layer" };
+        check(format!("parameters.{name}"), list.len(), expected, what)?;
+        weights.extend(list);
+    }
     let scaling = NetworkScaling {
         displacement_m: Normalisation { mean: p.displacement_mean_m, deviation: p.displacement_deviation_m },
         velocity_m_s: Normalisation { mean: p.velocity_mean_m_s, deviation: p.velocity_deviation_m_s },

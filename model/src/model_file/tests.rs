@@ -153,6 +153,11 @@ fn data_driven_models_are_bit_identical_after_write_and_read() {
         Arx::savaresi([1.6, -0.7], [4e3, -3e3], [250.0, 80.0], drive, Second(0.002), 9.0).expect("a model")
     };
     let arx = [None, Some((DriveKind::CoilCurrent, [30.0, -4.0]))].map(|d| ForceModel::Arx(savaresi(d)));
+    let delayed = |drive| {
+        Arx::delayed([1.6, -0.7, 0.05], [4e3, -3e3, 1.0], [250.0, 80.0, -2.0], drive, Second(0.002), 9.0)
+    };
+    let voltage = Some((DriveKind::CommandVoltage, [30.0, -4.0, 1.5]));
+    let arx = arx.into_iter().chain([None, voltage].map(|d| ForceModel::Arx(delayed(d).expect("a model"))));
     let data_driven = networks().into_iter().chain(lazies()).chain(arx).chain(lpvs()).chain(slips());
     for force in data_driven.chain([of_unlike_widths()]) {
         let written = file_of(force);
@@ -160,6 +165,31 @@ fn data_driven_models_are_bit_identical_after_write_and_read() {
         let read = ModelFile::from_toml(&text).unwrap_or_else(|e| panic!("{}: {e}\n{text}", force.name()));
         assert!(read == written, "{}", force.name());
     }
+}
+
+#[test]
+fn a_wang_liao_file_without_an_input_layer_is_a_narx_network() {
+    for narx in networks().into_iter().filter(|force| force.name() == "narx") {
+        let written = file_of(narx);
+        let text = written.to_toml().expect("writes");
+        assert!(text.contains("model = \"narx\"") && !text.contains("input_gains"), "{text}");
+        let old = text.replace("model = \"narx\"", "model = \"wang-liao\"");
+        let read = ModelFile::from_toml(&old).expect("reads");
+        assert!(read == written, "the same numbers by the name narx");
+    }
+    let wang_liao = networks().into_iter().find(|force| force.name() == "wang-liao").expect("one");
+    let text = file_of(wang_liao).to_toml().expect("writes");
+    for (from, to, expected) in [
+        ("input_gains = [", "input_gains = [0.5, ", "parameters.input_gains has 16 values"),
+        ("input_gains", "input_gain", "did you mean input_gains?"),
+        ("model = \"wang-liao\"", "model = \"narx\"", "parameters.input_gains has 15 values"),
+    ] {
+        let error = ModelFile::from_toml(&text.replacen(from, to, 1)).expect_err("refused").to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    let line = text.lines().find(|line| line.starts_with("input_biases")).expect("a line");
+    let error = ModelFile::from_toml(&text.replace(line, "")).expect_err("refused").to_string();
+    assert!(error.contains("parameters.input_biases has 0 values"), "{error}");
 }
 
 #[test]

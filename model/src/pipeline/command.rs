@@ -74,7 +74,10 @@ impl CommandPath {
         match settings.law {
             ControlLaw::Off => false,
             ControlLaw::Follow => self.is_requested,
-            ControlLaw::Skyhook(_) | ControlLaw::Groundhook(_) | ControlLaw::Fixed(_) => true,
+            ControlLaw::Skyhook(_)
+            | ControlLaw::SkyhookGains(_)
+            | ControlLaw::Groundhook(_)
+            | ControlLaw::Fixed(_) => true,
         }
     }
 
@@ -92,7 +95,10 @@ impl CommandPath {
             (moving.stamp.since(at).get() <= settings.request_timeout_s).then_some(value)
         };
         let inputs = moving.inputs.unwrap_or(UNKNOWN);
-        let demand = settings.law.demand(fresh(&self.request), fresh(&self.body), inputs.velocity_m_s);
+        let last_a = self.controller.last_current().get();
+        let current_a = if inputs.drive.is_finite() { inputs.drive } else { last_a };
+        let (request, body) = (fresh(&self.request), fresh(&self.body));
+        let demand = settings.law.demand(request, body, inputs.velocity_m_s, current_a);
         let command = self.controller.step(&inputs, demand, moving.measured_n);
         Some(StampedCommand { stamp: moving.stamp, known_at: moving.received, command })
     }
@@ -122,7 +128,7 @@ impl CommandPath {
 /// The demand after `silence_s` without displacement, and for how long it has applied, s; `None` while the last command holds.
 fn idle(silence_s: f64, settings: &Settings) -> Option<(Demand, f64)> {
     let idle_s = silence_s - settings.request_timeout_s;
-    (idle_s > 0.0).then(|| (settings.law.demand(None, None, f64::NAN), idle_s))
+    (idle_s > 0.0).then(|| (settings.law.demand(None, None, f64::NAN, f64::NAN), idle_s))
 }
 
 /// Inputs with every value unknown.

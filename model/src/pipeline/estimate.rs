@@ -47,6 +47,7 @@ impl Pipeline {
         let force_n = self.output_force_n(stamp, &forces, emit);
         let mode = self.machine.mode();
 
+        let is_learned = (reasons | free_reasons) == Reasons::NONE;
         reasons |= self.mode_reasons(mode, free_reasons, seeded_reasons);
         // Correction and smoothing can take the force outside the model's training range.
         if Envelope::leaves(self.output_model(mode).envelope.force_n, force_n) {
@@ -69,6 +70,10 @@ impl Pipeline {
             || free_reasons.has(Reasons::TEMPERATURE_MISSING)
             || reasons.has(Reasons::DRIVE_STALE));
         let velocity_m_s = self.free.velocity_m_s();
+        let learned_at = match self.free.inputs() {
+            Some(inputs) if is_learned => [inputs.displacement_m, inputs.drive],
+            _ => [f64::NAN; 2],
+        };
         let rest_n = self.damper.preload.at_n(displacement_m);
         self.force.wait(
             taken,
@@ -79,6 +84,7 @@ impl Pipeline {
                 dt_s,
                 index: self.index,
                 counts,
+                learned_at,
                 velocity_m_s,
                 rest_n,
             },

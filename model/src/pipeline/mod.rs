@@ -107,7 +107,7 @@ impl Models {
 impl From<PipelineSetup> for Pipeline {
     /// A pipeline at rest.
     fn from(setup: PipelineSetup) -> Self {
-        let PipelineSetup { settings, free, seeded, controller } = setup;
+        let PipelineSetup { settings, free, seeded, controller, learns_anew: _ } = setup;
         Self {
             damper: DamperProperties::of(free.model(), &settings.limits),
             settings,
@@ -155,6 +155,8 @@ struct Awaiting {
     index: u64,
     /// The model had all its inputs, so the residual counts for the alarm.
     counts: bool,
+    /// Displacement, m, and drive that the model was given, if the sample can be learned; NaN otherwise.
+    learned_at: [f64; 2],
     /// Velocity that the model was given, m/s; NaN if it had none.
     velocity_m_s: f64,
     /// Force of the damper at rest at that displacement, N.
@@ -246,15 +248,17 @@ impl Pipeline {
 
     /// Switches to `setup` from the next sample on, without delay. If the conditioning of a model is unchanged, its filter
     /// states are kept and estimates continue without a gap. If a model changes, the step in the estimate decays as it does
-    /// after a change of mode, and the residual figures restart.
+    /// after a change of mode, and the residual figures restart. What a model has learned ([`Settings::lazy_learning`]) stays
+    /// while the model is the same, unless the setup is [`PipelineSetup::learning_anew`].
     pub fn take(&mut self, setup: PipelineSetup, emit: &mut impl FnMut(Event)) {
-        let PipelineSetup { settings, mut free, mut seeded, controller } = setup;
+        let PipelineSetup { settings, mut free, mut seeded, controller, learns_anew } = setup;
         let others = free.model() != self.free.model()
             || seeded.as_ref().map(SeededChannel::model) != self.seeded.as_ref().map(SeededChannel::model);
         self.settings = settings;
         self.damper = DamperProperties::of(free.model(), &settings.limits);
         self.command_path.take(controller);
         if !others {
+            self.free.take_learning(free.into_learning(), learns_anew);
             return;
         }
         if let (Some(new), Some(old)) = (free.model().force.drive(), self.free.model().force.drive())
@@ -365,6 +369,7 @@ impl Pipeline {
     /// Drops all history, because time has jumped or the caller asked for it.
     fn restart(&mut self, cause: Cause, stamp: Stamp, emit: &mut impl FnMut(Event)) {
         self.free.reset();
+        self.free.forget_learned();
         if let Some(channel) = &mut self.seeded {
             channel.reset();
         }
@@ -421,6 +426,11 @@ impl Pipeline {
             {
                 let over_n = measured_n - waiting.rest_n;
                 self.checks.work(dt_s, over_n, waiting.velocity_m_s, &self.settings.plausible);
+            }
+            // The sample's estimate was reported when its prediction began to wait.
+            if !self.checks.force_is_odd(&self.damper) {
+                let [displacement_m, drive] = waiting.learned_at;
+                self.free.learn([displacement_m, waiting.velocity_m_s, drive], measured_n);
             }
             if !waiting.predicted_n.is_finite() {
                 // The filters of the measured force and of the prediction must start at the same sample to be comparable.

@@ -6,8 +6,8 @@ use super::resample::{POINTS, Row, Rows, SAME};
 use super::rhythm::Rhythm;
 use crate::condition::{ApplyTo, Conditioning, ForceAligner, LowPass, LowPassState, MotionState};
 use crate::effect::{AugmentedState, Effects, Need};
-use crate::error::Error;
-use crate::force::{DEPTH, ForceModel, History, Inputs};
+use crate::error::{Error, PipelineError};
+use crate::force::{DEPTH, ForceModel, History, Inputs, Learning};
 use crate::model::{Envelope, Model};
 use crate::sample::Stamp;
 
@@ -174,12 +174,23 @@ pub(super) struct FreeRunChannel {
     reading: Option<Simulation>,
     /// Output filter of the measured force, so that filtered forces are compared with filtered forces.
     measured_filter: OutputFilter,
+    /// The model with what it has learned from measured force; `None` if it does not learn.
+    learning: Option<Learning>,
 }
 
 impl FreeRunChannel {
-    pub(super) fn new(model: Model) -> Result<Self, Error> {
+    /// A channel at rest. A model that `learns` must be a [`ForceModel::Lazy`] without effects.
+    pub(super) fn new(model: Model, learns: bool) -> Result<Self, Error> {
         model.conditioning.validate()?;
         model.effects.check(&model.force)?;
+        if learns && !model.effects.is_empty() {
+            return Err(PipelineError::LearningWithEffects.into());
+        }
+        let learning = match &model.force {
+            ForceModel::Lazy(lazy) if learns => Some(Learning::new(lazy)),
+            other if learns => return Err(PipelineError::CannotLearn { model: other.name() }.into()),
+            _ => None,
+        };
         refuse_filtered_arx(&model)?;
         Ok(Self {
             path: DisplacementPath::new(model.conditioning),
@@ -187,7 +198,35 @@ impl FreeRunChannel {
             reading: model.effects.include_load_cell().then(|| Simulation::new(model.effects)),
             measured_filter: OutputFilter::default(),
             model,
+            learning,
         })
+    }
+
+    /// Takes over whether `new`, a channel of the same model, learns. What was learned stays, unless it learns `anew`.
+    pub(super) fn take_learning(&mut self, new: Option<Learning>, anew: bool) {
+        if anew || self.learning.is_some() != new.is_some() {
+            self.learning = new;
+        }
+    }
+
+    /// The state of learning, to be taken over by a channel of the same model.
+    pub(super) fn into_learning(self) -> Option<Learning> {
+        self.learning
+    }
+
+    /// Puts the loaded memory in place of the learned one.
+    pub(super) fn forget_learned(&mut self) {
+        if let (Some(learning), ForceModel::Lazy(lazy)) = (&mut self.learning, &self.model.force) {
+            *learning = Learning::new(lazy);
+        }
+    }
+
+    /// Learns the measured force at the given conditioned inputs, if the model learns.
+    #[inline]
+    pub(super) fn learn(&mut self, [x_m, v_m_s, drive]: [f64; 3], measured_n: f64) {
+        if let Some(learning) = &mut self.learning {
+            learning.learn(x_m, v_m_s, drive, measured_n);
+        }
     }
 
     /// Conditioned inputs of the last step; `None` if there are none.
@@ -258,7 +297,8 @@ impl FreeRunChannel {
         if outside(&self.model, &inputs) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
-        let damper = self.damper.step(&self.model.force, &self.path, &inputs);
+        let force = self.learning.as_ref().map_or(&self.model.force, Learning::force);
+        let damper = self.damper.step(force, &self.path, &inputs);
         if self.damper.state.extrapolates() {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
@@ -270,7 +310,7 @@ impl FreeRunChannel {
         }
         let reading = match &mut self.reading {
             None => damper,
-            Some(reading) => reading.step(&self.model.force, &self.path, &inputs),
+            Some(reading) => reading.step(force, &self.path, &inputs),
         };
         let filtered_n = |[_, force_n]: [f64; 2]| force_n;
         SimulatedForces { damper_n: damper.map(filtered_n), reading_n: reading.map(filtered_n) }

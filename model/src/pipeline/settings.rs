@@ -34,6 +34,10 @@ pub struct Settings {
     pub only_mode: Option<Mode>,
     /// Whether measured force may seed the ARX model.
     pub use_measured_force: UseForce,
+    /// True: a `boada` model learns from measured force while it runs. Each measured force enters its memory after the estimate
+    /// at its sample, if no reason speaks against the sample, so neither flags nor uncertainty bands change with what is learned:
+    /// the range of training and the calibration stay those of the model file. The alarm compares with the learned memory.
+    pub lazy_learning: bool,
     /// Age beyond which measured force counts as lost, s.
     pub force_timeout_s: f64,
     /// How long ARX may continue from its own predictions after measured force is lost, s.
@@ -75,6 +79,7 @@ impl Default for Settings {
         Self {
             only_mode: None,
             use_measured_force: UseForce::Auto,
+            lazy_learning: false,
             force_timeout_s: 0.05,
             coast_s: 0.2,
             input_timeout_s: 0.5,
@@ -112,6 +117,9 @@ impl Settings {
     pub fn validate(&self) -> Result<(), Error> {
         if let Some(mode @ (Mode::ArxCoast | Mode::Hold)) = self.only_mode {
             return Err(PipelineError::TemporaryMode { mode: mode.name() }.into());
+        }
+        if self.lazy_learning && self.use_measured_force == UseForce::Never {
+            return Err(PipelineError::LearningWithoutForce.into());
         }
         let positive = |s: f64| s > 0.0 && s <= 3600.0;
         for (name, value) in [

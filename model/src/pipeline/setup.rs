@@ -46,6 +46,8 @@ pub struct PipelineSetup {
     pub(super) free: FreeRunChannel,
     pub(super) seeded: Option<SeededChannel>,
     pub(super) controller: InverseController,
+    /// True if a running pipeline forgets what its model has learned, even if the model is the same.
+    pub(super) learns_anew: bool,
 }
 
 impl PipelineSetup {
@@ -80,13 +82,22 @@ impl PipelineSetup {
         };
         Ok(Self {
             settings,
-            free: FreeRunChannel::new(settings.applied_to(models.free))?,
+            free: FreeRunChannel::new(settings.applied_to(models.free), settings.lazy_learning)?,
             seeded: match models.seeded {
                 Some(model) => SeededChannel::new(settings.applied_to(model))?,
                 None => None,
             },
             controller,
+            learns_anew: false,
         })
+    }
+
+    /// The same setup for a model that is loaded: a running pipeline then forgets what its model has learned
+    /// ([`Settings::lazy_learning`]), even if the loaded model is the running one.
+    #[must_use]
+    pub fn learning_anew(mut self) -> Self {
+        self.learns_anew = true;
+        self
     }
 
     /// The inverse controller, at rest. It has an inverse only if the free-run model does.

@@ -76,6 +76,7 @@ fn settings() -> impl Strategy<Value = Settings> {
     let law = prop::sample::select(vec![
         inverse::ControlLaw::Follow,
         inverse::ControlLaw::Skyhook(1500.0),
+        inverse::ControlLaw::SkyhookGains(inverse::SkyhookGains::new(&[2000.0, 900.0], &[0.0, 2.0])),
         inverse::ControlLaw::Groundhook(1500.0),
         inverse::ControlLaw::Fixed(0.7),
     ]);

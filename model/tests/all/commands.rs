@@ -1,7 +1,7 @@
 //! Current commands of the pipeline: control laws, stale requests, silence, changes while it runs; and the observer.
 
 use crate::common::{Harness, PERIOD_NS, force_n, preset, samples};
-use mr_damper_model::inverse::{ControlLaw, LimitedBy, Limits, Method};
+use mr_damper_model::inverse::{ControlLaw, LimitedBy, Limits, Method, SkyhookGains};
 use mr_damper_model::pipeline::{Event, Models, Pipeline, PipelineSetup, Settings, StampedCommand, UseForce};
 use mr_damper_model::preset::{BEST_ARX, BEST_FUZZY_TANH};
 use mr_damper_model::sample::{Reading, Sample, Stamp};
@@ -166,6 +166,51 @@ fn hooks_demand_a_force_from_the_body_velocity() {
         damper.run(800..900, |_| None);
         assert_eq!(damper.last().command.limited_by, LimitedBy::Safe);
     }
+}
+
+/// exp(-(i - c)^2 / (2 s^2)) with s of half the distance of two currents.
+fn blended(current_a: f64, [low, high]: [f64; 2], [at_low, at_high]: [f64; 2]) -> f64 {
+    let sigma = 0.5 * (at_high - at_low);
+    let strength = |centre: f64| f64::exp(-0.5 * ((current_a - centre) / sigma).powi(2));
+    (strength(at_low) * low + strength(at_high) * high) / (strength(at_low) + strength(at_high))
+}
+
+#[test]
+fn the_damping_of_skyhook_follows_the_current() {
+    let (gains, centres) = ([2000.0, 800.0], [0.5, 1.5]);
+    let law = ControlLaw::SkyhookGains(SkyhookGains::new(&gains, &centres));
+    let body_m_s = |k: i64| 0.3 * (k as f64 / 40.0).sin();
+    // The current is not measured, so the last commanded one counts.
+    let mut damper = CommandHarness::new(fuzzy_tanh(), Settings { law, ..Settings::default() });
+    damper.run(0..800, |k| Some(Reading::BodyVelocity(MetrePerSecond(body_m_s(k)))));
+    let mut dampings = Vec::new();
+    for (k, pair) in damper.commands.windows(2).enumerate().skip(10) {
+        let body_m_s = body_m_s(k as i64 + 1);
+        let damping = blended(pair[0].command.current.get(), gains, centres);
+        let requested_n = pair[1].command.requested.get();
+        assert!((requested_n - damping * body_m_s).abs() < 1e-6, "{k}: {requested_n} {damping}");
+        dampings.push(damping);
+    }
+    let most = dampings.iter().fold(0.0_f64, |most, c| most.max(*c));
+    let least = dampings.iter().fold(f64::INFINITY, |least, c| least.min(*c));
+    assert!(most > 1900.0 && least < 1000.0, "{least} to {most}");
+    // A measured current counts.
+    let mut damper = CommandHarness::new(fuzzy_tanh(), Settings { law, ..Settings::default() });
+    for k in 0..100 {
+        let [drive, _, displacement] = samples(k, 0);
+        let reading = Reading::BodyVelocity(MetrePerSecond(0.2));
+        for sample in [drive, Sample { reading, ..drive }, displacement] {
+            damper.feed(&sample);
+        }
+        let Reading::Drive(drive) = drive.reading else { panic!("a drive") };
+        let requested_n = damper.last().command.requested.get();
+        assert!((requested_n - 0.2 * blended(drive.get(), gains, centres)).abs() < 1e-6 || k == 0);
+    }
+    // Lists that do not fit are refused before they run.
+    let law = ControlLaw::SkyhookGains(SkyhookGains::new(&gains, &[0.5, 1.5, 2.0]));
+    let refused = PipelineSetup::new(fuzzy_tanh(), Settings { law, ..Settings::default() });
+    let text = refused.expect_err("two gains at three currents").to_string();
+    assert!(text.contains("skyhook.gains_n_s_m has 2 values"), "{text}");
 }
 
 #[test]

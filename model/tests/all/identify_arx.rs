@@ -2,8 +2,10 @@
 
 use crate::identify_support::{Recipe, fed_run, run, truth};
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
-use mr_damper_model::force::{Arx, ForceModel};
-use mr_damper_model::identify::{DatasetOptions, Form, Identified, ModelSpec, Options, Watch, identify};
+use mr_damper_model::force::{Arx, ForceModel, History, Inputs};
+use mr_damper_model::identify::{
+    DatasetOptions, Form, Identified, ModelSpec, Options, Variant, Watch, identify,
+};
 use mr_damper_model::sample::{DriveKind, Run, Stamp};
 use mr_damper_model::units::Second;
 use rand::{RngExt, SeedableRng};
@@ -266,4 +268,92 @@ fn savaresi_has_two_lags_and_is_recovered() {
     // With a backward difference x_k, x_{k-1} and v_k are linearly dependent.
     let found = found.expect("identifies");
     assert_eq!((found.rank, found.model.force.parameter_count()), (Some(5), 6));
+}
+
+#[test]
+fn the_delayed_structure_is_recovered_and_does_not_use_the_inputs_of_its_sample() {
+    let (x, v) = ([4000.0, -6000.0, 2500.0], [300.0, 150.0, -80.0]);
+    let drive = Some((KIND, [30.0, -12.0, 5.0]));
+    let model = Arx::delayed([1.3, -0.5, 0.1], x, v, drive, Second(1.0 / 500.0), 0.0).expect("a model");
+    assert_eq!((model.name(), model.delay(), model.parameter_count()), ("arx-delayed", 1, 12));
+
+    // F_6 = 1.3 F_5 - 0.5 F_4 + 0.1 F_3 + 4000 x_5 - ... with x_k = k mm, v_k = 0.01 k m/s, i_k = 0.1 k A and F_k = 10 k N.
+    let mut history = History::default();
+    for k in 1..=6 {
+        let k = f64::from(k);
+        let inputs = Inputs {
+            dt_s: Some(0.002),
+            displacement_m: 1e-3 * k,
+            velocity_m_s: 0.01 * k,
+            acceleration_m_s2: f64::NAN,
+            drive: 0.1 * k,
+            case_temp_c: f64::NAN,
+        };
+        history.push_inputs(&inputs);
+        if k < 4.0 {
+            assert_eq!(model.predict_n(&history), None, "the inputs of sample {k} have no use");
+        }
+        if k < 6.0 {
+            history.push_force(10.0 * k);
+        }
+    }
+    let force = 1.3 * 50.0 - 0.5 * 40.0 + 0.1 * 30.0;
+    let motion = (4.0 * 5.0 - 6.0 * 4.0 + 2.5 * 3.0) + (3.0 * 5.0 + 1.5 * 4.0 - 0.8 * 3.0);
+    let expected_n = force + motion + (3.0 * 5.0 - 1.2 * 4.0 + 0.5 * 3.0);
+    let found_n = model.predict_n(&history).expect("the history is complete");
+    assert!((found_n - expected_n).abs() < 1e-9, "{found_n} {expected_n}");
+
+    let recipe = Recipe { offset_n: 45.0, drive: steps, duration_s: 20.0, ..Recipe::default() };
+    let runs = [arx_run(&model, 2.0, recipe)];
+    for (form, rank) in [(Form::SemiActive, 12), (Form::Passive, 9)] {
+        let spec = ModelSpec::named("arx-delayed", form).expect("a model");
+        let found = identify(spec, &runs, &options(VelocitySource::Measured), &Watch::none());
+        let found = found.expect("identifies");
+        assert_eq!((found.model.force.name(), found.rank), ("arx-delayed", Some(rank)));
+        if form == Form::SemiActive {
+            for (found, truth) in arx(&found).force_lags().iter().zip(model.force_lags()) {
+                assert!((found - truth).abs() < 0.05, "{found} {truth}");
+            }
+            // The noise of half width 2 N drives the truth.
+            let (one_step, noise_n) =
+                (found.one_step.expect("a one-step predictor").rsse_n, 2.0 / 3f64.sqrt());
+            assert!(one_step <= noise_n * 1.01 && one_step > noise_n * 0.97, "{one_step}");
+        }
+    }
+}
+
+#[test]
+fn recursive_least_squares_agrees_with_the_regression() {
+    for (name, semi_active) in [("arx", false), ("arx", true), ("arx-delayed", true)] {
+        let truth = the_truth(semi_active);
+        let recipe = Recipe { drive: steps, duration_s: 20.0, ..Recipe::default() };
+        let runs = [
+            arx_run(&truth, 2.0, Recipe { name: "a", offset_n: 45.0, seed: 1, ..recipe }),
+            arx_run(&truth, 2.0, Recipe { name: "b", offset_n: -20.0, seed: 2, ..recipe }),
+        ];
+        let form = if semi_active { Form::SemiActive } else { Form::Passive };
+        let spec = ModelSpec::named(name, form).expect("a model");
+        let recursive = spec.with_variant(Variant::Recursive).expect("the published fit");
+        assert_eq!(recursive.label(), format!("{name}/rls"));
+        let fitted =
+            |spec, velocity| identify(spec, &runs, &options(velocity), &Watch::none()).expect("fits");
+        // The motion is a sum of four sines, so that the coefficients of displacement and velocity are not determined one by
+        // one, but the force lags and the prediction are.
+        for velocity in [VelocitySource::Measured, VelocitySource::Backward] {
+            let [batch, found] = [spec, recursive].map(|spec| fitted(spec, velocity));
+            assert_eq!(found.rank, None);
+            for (found, batch) in arx(&found).force_lags().iter().zip(arx(&batch).force_lags()) {
+                assert!((found - batch).abs() < 1e-3, "{name} {semi_active}: {found} {batch}");
+            }
+            let [batch_n, found_n] =
+                [&batch, &found].map(|found| found.one_step.expect("a one-step predictor").rsse_n);
+            assert!((found_n / batch_n - 1.0).abs() < 1e-3, "{found_n} {batch_n}");
+            for (found, batch) in found.runs.iter().zip(&batch.runs) {
+                assert!((found.force_offset_n - batch.force_offset_n).abs() < 1.0, "{found:?} {batch:?}");
+            }
+        }
+    }
+    assert!(
+        ModelSpec::named("savaresi", Form::Passive).and_then(|s| s.with_variant(Variant::Recursive)).is_err()
+    );
 }

@@ -6,8 +6,8 @@ use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::force::law::Parameter;
 use mr_damper_model::force::{Dependence, ForceLaw, ForceModel, FreeRun, FuzzySets, LawModel, Membership};
 use mr_damper_model::identify::{
-    Dataset, DatasetOptions, Form, Identified, Loss, ModelSpec, Options, Placement, Structure, Watch,
-    identify,
+    Dataset, DatasetOptions, Form, Identified, Loss, ModelSpec, Options, Placement, Structure, Variant,
+    Watch, identify,
 };
 use mr_damper_model::sample::{DriveKind, Run};
 use rand::{RngExt, SeedableRng};
@@ -212,4 +212,53 @@ fn runs_that_cannot_be_identified_are_rejected_with_the_reason() {
     constant.velocity_m_s.as_mut().expect("made").values.fill(0.0);
     let message = error(Form::Passive, constant, &options());
     assert!(message.contains("no sample can be used") || message.contains("never varies"), "{message}");
+}
+
+/// The swarm searches every parameter without gradients: its limit is wider than that of the default fit.
+#[test]
+fn the_swarm_finds_the_force_of_kwok_on_any_number_of_threads() {
+    for form in [Form::Passive, Form::SemiActive] {
+        let law = ForceLaw::Kwok;
+        let spec =
+            ModelSpec::new(Structure::Law(law), form).and_then(|spec| spec.with_variant(Variant::Swarm));
+        let spec = spec.expect("the published fit");
+        let runs = [made_by(model(law, form), 3, |_| 0.0)];
+        // Polynomials of degree two are the default; the published form is linear in the drive.
+        let options = Options { degree: 2, ..options() };
+        let search = || identify(spec, &runs, &options, &Watch::none()).expect("identifies");
+        let found = search();
+        let fit = found.free_run.expect("a simulation error");
+        assert!(fit.esr < 1e-3, "{form:?}: {fit:?}");
+        assert!(
+            (found.model.force.force_offset_n() - 35.0).abs() < 10.0,
+            "{form:?}: {:?}",
+            found.model.force
+        );
+        assert_eq!(found.model.force.parameter_count(), if form == Form::Passive { 5 } else { 10 });
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+        assert_eq!(pool.install(search).model, found.model);
+    }
+    for form in [Form::Fuzzy, Form::FreeFuzzy] {
+        let fuzzy = ModelSpec::new(Structure::Law(ForceLaw::Kwok), form).expect("a form of the law");
+        let text = fuzzy.with_variant(Variant::Swarm).expect_err("too many parameters").to_string();
+        assert!(text.contains("pso"), "{text}");
+    }
+}
+
+#[test]
+fn hubers_loss_makes_the_swarm_robust_against_outliers() {
+    let law = ForceLaw::Kwok;
+    let spec =
+        ModelSpec::new(Structure::Law(law), Form::Passive).and_then(|s| s.with_variant(Variant::Swarm));
+    let spec = spec.expect("the published fit");
+    let outliers = |k: usize| if k.is_multiple_of(20) { 3000.0 } else { 0.0 };
+    let runs = [made_by(model(law, Form::Passive), 3, outliers)];
+    let offset_n = |loss| {
+        let options = Options { loss, ..options() };
+        let found = identify(spec, &runs, &options, &Watch::none());
+        found.expect("identifies").model.force.force_offset_n()
+    };
+    // The mean of the outliers, 150 N, moves the offset of least squares; Huber's loss bounds their influence.
+    assert!((offset_n(Loss::Squares) - 185.0).abs() < 10.0);
+    assert!((offset_n(Loss::Huber { threshold_n: 20.0 }) - 35.0).abs() < 15.0);
 }

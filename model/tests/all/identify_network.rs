@@ -1,4 +1,4 @@
-//! Identification of the black-box models `wang-liao`, `chen` and `boada`.
+//! Identification of the black-box models `wang-liao`, `narx`, `chen` and `boada`.
 
 use crate::identify_support::{Recipe, run, truth};
 use mr_damper_model::condition::{Conditioning, VelocitySource};
@@ -55,6 +55,10 @@ fn network_run(structure: NetworkStructure) -> Run {
     {
         *weight *= 0.5;
     }
+    if structure.has_input_neurons() {
+        let first = (inputs + 2) * structure.hidden() + 1;
+        weights[first..first + inputs].fill(0.8);
+    }
     let scaling = NetworkScaling {
         displacement_m: Normalisation { mean: 0.0, deviation: 0.006 },
         velocity_m_s: Normalisation { mean: 0.0, deviation: 0.06 },
@@ -95,7 +99,7 @@ fn the_output_of_a_network_is_recovered() {
 fn a_damper_is_learned_in_simulation_and_each_run_has_its_offset() {
     let make = |name, offset_n, seed| damper(Recipe { name, offset_n, seed, ..recipe() });
     let runs = [make("a", 45.0, 1), make("b", -20.0, 2)];
-    for name in ["wang-liao", "chen", "boada"] {
+    for name in ["wang-liao", "narx", "chen", "boada"] {
         let found = fitted(name, Form::SemiActive, &runs).expect("identifies");
         let esr = found.free_run.expect("a simulation error").esr;
         assert!(esr < 0.05, "{name}: {esr}");
@@ -112,7 +116,7 @@ fn a_damper_is_learned_in_simulation_and_each_run_has_its_offset() {
 #[test]
 fn threads_do_not_change_the_model() {
     let runs = [damper(recipe())];
-    for name in ["wang-liao", "chen", "boada"] {
+    for name in ["wang-liao", "narx", "chen", "boada"] {
         let spec = ModelSpec::named(name, Form::SemiActive).expect("a model");
         let with = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
@@ -132,7 +136,7 @@ fn runs_that_cannot_be_learned_are_rejected_with_the_reason() {
     let mut still = whole.clone();
     still.force_n.as_mut().expect("made").values.fill(12.0);
     let mut fast = damper(Recipe { name: "fast", rate_hz: 1000.0, ..recipe() });
-    for name in ["wang-liao", "chen", "boada"] {
+    for name in ["wang-liao", "narx", "chen", "boada"] {
         let text = |runs: &[Run]| fitted(name, Form::SemiActive, runs).expect_err("refused").to_string();
         let said = text(std::slice::from_ref(&short));
         assert!(said.contains("too few") && said.contains("add runs"), "{said}");
@@ -151,7 +155,7 @@ fn runs_that_cannot_be_learned_are_rejected_with_the_reason() {
 #[test]
 fn progress_is_reported_and_training_can_be_cancelled() {
     let runs = [damper(recipe())];
-    for name in ["wang-liao", "chen", "boada"] {
+    for name in ["wang-liao", "narx", "chen", "boada"] {
         let spec = ModelSpec::named(name, Form::Passive).expect("a model");
         let seen = Mutex::new(Vec::new());
         let cancel = AtomicBool::new(false);

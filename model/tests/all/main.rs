@@ -17,6 +17,7 @@ mod alarm;
 mod any_float;
 mod commands;
 mod jitter;
+mod learning;
 mod pipeline;
 mod uncertainty;
 mod uncertainty_coverage;

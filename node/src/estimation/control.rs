@@ -252,7 +252,7 @@ impl Control {
         let (settings, setup) = setup(&config, &models)?;
         let controller = *setup.controller();
         let place = if state.lifecycle == LifecycleState::Active {
-            self.send(&[PipelineCommand::Take(*setup)])?
+            self.send(&[PipelineCommand::Take(setup.learning_anew())])?
         } else {
             None
         };

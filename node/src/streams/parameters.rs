@@ -182,6 +182,7 @@ fn descriptor(parameter: &Parameter) -> ParameterDescriptor {
             integer_range.push(IntegerRange { from_value, to_value, step: 1 });
         }
         ParameterKind::Choice(_) => constraints.push(parameter.expected()),
+        ParameterKind::DoubleList(..) => constraints.push(parameter.expected()),
         ParameterKind::Bool | ParameterKind::Text | ParameterKind::TextList => {}
     }
     if parameter.mutability == Mutability::Unconfigured {
@@ -206,6 +207,7 @@ const fn type_of(kind: ParameterKind) -> u8 {
         ParameterKind::Double(..) | ParameterKind::Sign => ParameterValue::DOUBLE,
         ParameterKind::Text | ParameterKind::Choice(_) => ParameterValue::STRING,
         ParameterKind::TextList => ParameterValue::STRING_ARRAY,
+        ParameterKind::DoubleList(..) => ParameterValue::DOUBLE_ARRAY,
     }
 }
 
@@ -223,6 +225,9 @@ fn to_ros(value: Value) -> ParameterValue {
         Value::TextList(string_array_value) => {
             ParameterValue { r#type: ParameterValue::STRING_ARRAY, string_array_value, ..unset }
         }
+        Value::DoubleList(double_array_value) => {
+            ParameterValue { r#type: ParameterValue::DOUBLE_ARRAY, double_array_value, ..unset }
+        }
     }
 }
 
@@ -233,10 +238,16 @@ fn from_ros(value: &ParameterValue) -> Option<Value> {
         ParameterValue::DOUBLE => Value::Double(value.double_value),
         ParameterValue::STRING => Value::Text(value.string_value.clone()),
         ParameterValue::STRING_ARRAY => Value::TextList(value.string_array_value.clone()),
+        // A longer list than any parameter takes is refused later; a peer's megabytes need not be copied for that.
+        ParameterValue::DOUBLE_ARRAY => {
+            Value::DoubleList(value.double_array_value.iter().take(LONGEST_LIST).copied().collect())
+        }
         _ => return None,
     })
 }
 
+/// Largest number of items that are read from a list of numbers.
+const LONGEST_LIST: usize = 1024;
 /// Longest text that a peer may send, bytes: the length of a path.
 const LONGEST: usize = 4096;
 
@@ -308,7 +319,10 @@ mod tests {
         let skyhook = listed(&["skyhook"], 1);
         assert_eq!(
             (skyhook.names, skyhook.prefixes),
-            (vec!["skyhook.damping_n_s_m".to_owned()], vec!["skyhook".to_owned()])
+            (
+                ["damping_n_s_m", "gains_n_s_m", "centres_a"].map(|name| format!("skyhook.{name}")).to_vec(),
+                vec!["skyhook".to_owned()]
+            )
         );
         assert_eq!(listed(&["sky"], 0), ListParametersResult::default());
         assert_eq!(listed(&["coast_s"], 7).names, ["coast_s"]);

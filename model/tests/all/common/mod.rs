@@ -3,8 +3,12 @@
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
 use mr_damper_model::Error;
-use mr_damper_model::force::{ForceModel, FuzzySets, MaxwellSlip, Membership, SlipFunction, SlipGrid};
-use mr_damper_model::model::Model;
+use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
+use mr_damper_model::force::{
+    ForceModel, FuzzySets, Lazy, LazyMetric, LazyPoint, MAX_POINTS, MaxwellSlip, Membership, SlipFunction,
+    SlipGrid,
+};
+use mr_damper_model::model::{Envelope, Model};
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{
     Estimate, Event, Models, Pipeline, PipelineSetup, Residual, Settings, UseForce,
@@ -36,6 +40,45 @@ pub(crate) fn maxwell_slip() -> Model {
     let functions = [0.0, 0.9, 1.6, 2.0].map(function);
     let model = MaxwellSlip::new(grid, Some(sets), &functions, 20.0).expect("a model");
     Model { force: ForceModel::MaxwellSlip(model), ..preset(preset::BEST_FUZZY_TANH) }
+}
+
+/// Force of the damper that [`lazy`] remembers, N, without the session's offset.
+pub(crate) fn remembered_n(displacement_m: f64, velocity_m_s: f64, current_a: f64) -> f64 {
+    (300.0 + 400.0 * current_a) * (10.0 * velocity_m_s).tanh()
+        + 3000.0 * displacement_m
+        + 800.0 * velocity_m_s
+}
+
+/// A `boada` model of a full memory, with the envelope of a preset.
+pub(crate) fn lazy() -> Model {
+    // Golden-ratio sequence: an even cover of displacement, velocity and current.
+    let share = |k: usize, step: f64| 2.0 * (k as f64 * step).fract() - 1.0;
+    let point = |k: usize| {
+        let (displacement_m, velocity_m_s) = (0.012 * share(k, 0.819_172_513), 0.2 * share(k, 0.671_043_607));
+        let drive = 1.25 * (1.0 + share(k, 0.549_700_477));
+        let force_n = remembered_n(displacement_m, velocity_m_s, drive);
+        LazyPoint { displacement_m, velocity_m_s, drive, force_n }
+    };
+    let metric = LazyMetric {
+        displacement_scale_m: 0.03,
+        velocity_scale_m_s: 0.05,
+        drive_scale: Some((DriveKind::CoilCurrent, 0.8)),
+    };
+    let points: Vec<LazyPoint> = (0..MAX_POINTS).map(point).collect();
+    let model = Lazy::new(metric, [5, 12], &points, 15.0).expect("a model");
+    let conditioning = Conditioning {
+        apply_to: ApplyTo::None,
+        velocity: VelocitySource::Backward,
+        ..Conditioning::default()
+    };
+    let envelope = Envelope {
+        displacement_m: Some([-0.012, 0.012]),
+        velocity_m_s: Some([-0.2, 0.2]),
+        drive: Some([0.0, 2.5]),
+        force_n: Some([-2000.0, 2000.0]),
+        ..Envelope::default()
+    };
+    Model { force: ForceModel::Lazy(model), conditioning, envelope, ..preset(preset::BEST_FUZZY_TANH) }
 }
 
 /// The thesis' best fuzzy-tanh model with its best ARX model.

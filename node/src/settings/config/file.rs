@@ -42,9 +42,14 @@ fn flatten(
             toml::Value::Array(items) => {
                 let texts: Option<Vec<String>> =
                     items.iter().map(|item| item.as_str().map(str::to_owned)).collect();
-                match texts {
-                    Some(texts) => out.push((name, Value::TextList(texts))),
-                    None => return Err(UnsuitableParameter { name, why: UnsuitableValue::Item }),
+                let number = |item: &toml::Value| {
+                    item.as_float().or_else(|| item.as_integer().map(|number| number as f64))
+                };
+                let numbers: Option<Vec<f64>> = items.iter().map(number).collect();
+                match (texts, numbers) {
+                    (Some(texts), _) => out.push((name, Value::TextList(texts))),
+                    (None, Some(numbers)) => out.push((name, Value::DoubleList(numbers))),
+                    (None, None) => return Err(UnsuitableParameter { name, why: UnsuitableValue::Item }),
                 }
             }
             toml::Value::Datetime(date) => {

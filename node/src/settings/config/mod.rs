@@ -26,7 +26,7 @@ pub use value::Value;
 
 use crate::settings::error::NodeError;
 use mr_damper_model::condition::ApplyTo;
-use mr_damper_model::inverse::ControlLaw;
+use mr_damper_model::inverse::{ControlLaw, SkyhookGains};
 use mr_damper_model::pipeline::{Settings, UseForce};
 use qos::Overrides;
 
@@ -116,6 +116,10 @@ pub struct Config {
     pub law: String,
     /// Damping of the control law skyhook, N s/m.
     pub skyhook_n_s_m: f64,
+    /// Dampings of the control law skyhook at the currents `skyhook_centres_a`, N s/m; empty: `skyhook_n_s_m` at all currents.
+    pub skyhook_gains_n_s_m: Vec<f64>,
+    /// Currents of `skyhook_gains_n_s_m`, A.
+    pub skyhook_centres_a: Vec<f64>,
     /// Damping of the control law groundhook, N s/m.
     pub groundhook_n_s_m: f64,
     /// Current of the control law fixed, A.
@@ -165,6 +169,8 @@ impl Default for Config {
             observer_tau_s: 0.2,
             law: "follow".to_owned(),
             skyhook_n_s_m: 1500.0,
+            skyhook_gains_n_s_m: Vec::new(),
+            skyhook_centres_a: Vec::new(),
             groundhook_n_s_m: 1500.0,
             fixed_a: 0.0,
             history_duration_s: 120.0,
@@ -236,7 +242,13 @@ impl Config {
         };
         let law = match self.law.as_str() {
             "off" => ControlLaw::Off,
-            "skyhook" => ControlLaw::Skyhook(self.skyhook_n_s_m),
+            "skyhook" if self.skyhook_gains_n_s_m.is_empty() && self.skyhook_centres_a.is_empty() => {
+                ControlLaw::Skyhook(self.skyhook_n_s_m)
+            }
+            "skyhook" => ControlLaw::SkyhookGains(SkyhookGains::new(
+                &self.skyhook_gains_n_s_m,
+                &self.skyhook_centres_a,
+            )),
             "groundhook" => ControlLaw::Groundhook(self.groundhook_n_s_m),
             "fixed" => ControlLaw::Fixed(self.fixed_a),
             _ => ControlLaw::Follow,

@@ -23,7 +23,12 @@ pub enum ParameterKind {
     Choice(&'static [&'static str]),
     /// A list of texts.
     TextList,
+    /// A list of numbers in a closed range.
+    DoubleList(f64, f64),
 }
+
+/// Largest number of items in a list of numbers.
+const MOST_NUMBERS: usize = 64;
 
 /// When a parameter can be set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,6 +97,15 @@ impl Parameter {
             }
             (ParameterKind::TextList, Value::TextList(_)) => Some(value.clone()),
             (ParameterKind::TextList, Value::Text(text)) => Some(Value::TextList(vec![text.clone()])),
+            (ParameterKind::DoubleList(low, high), Value::DoubleList(list))
+                if list.len() <= MOST_NUMBERS && list.iter().all(|x| (low..=high).contains(x)) =>
+            {
+                Some(value.clone())
+            }
+            // An empty list has no type in YAML and TOML.
+            (ParameterKind::DoubleList(..), Value::TextList(list)) if list.is_empty() => {
+                Some(Value::DoubleList(Vec::new()))
+            }
             _ => None,
         };
         fits.ok_or_else(|| NodeError::Parameter {
@@ -116,6 +130,9 @@ impl Parameter {
                 format!("one of {}", shown.join(", "))
             }
             ParameterKind::TextList => "a list of texts".to_owned(),
+            ParameterKind::DoubleList(low, high) => {
+                format!("a list of at most {MOST_NUMBERS} numbers from {low} to {high}")
+            }
         }
     }
 }
@@ -189,6 +206,19 @@ macro_rules! truth {
             doc: $doc,
             get: |c| Value::Bool(c.$($field).+),
             set: |c, v| if let Value::Bool(b) = v { c.$($field).+ = *b; },
+        }
+    };
+}
+
+macro_rules! double_list {
+    ($name:literal, $low:literal..=$high:literal, $mutability:ident, $doc:literal, $($field:ident).+) => {
+        Parameter {
+            name: $name,
+            kind: ParameterKind::DoubleList($low, $high),
+            mutability: $mutability,
+            doc: $doc,
+            get: |c| Value::DoubleList(c.$($field).+.clone()),
+            set: |c, v| if let Value::DoubleList(x) = v { c.$($field).+.clone_from(x); },
         }
     };
 }
@@ -290,6 +320,7 @@ mod tests {
                 ParameterKind::Text => Value::Text("other".into()),
                 ParameterKind::Choice(choices) => Value::Text((*choices.last().expect("choices")).to_owned()),
                 ParameterKind::TextList => Value::TextList(vec!["a".into()]),
+                ParameterKind::DoubleList(low, high) => Value::DoubleList(vec![low, high]),
             };
             config.set(parameter.name, &other).expect("in range");
             assert_eq!(config.get(parameter.name).expect("in the table"), other, "{}", parameter.name);

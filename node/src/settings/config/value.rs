@@ -13,6 +13,8 @@ pub enum Value {
     Text(String),
     /// A list of texts.
     TextList(Vec<String>),
+    /// A list of numbers, with one at least. An empty list is a [`Value::TextList`].
+    DoubleList(Vec<f64>),
 }
 
 impl Value {
@@ -36,6 +38,7 @@ impl Value {
             Self::Double(_) => "a number",
             Self::Text(_) => "a text",
             Self::TextList(_) => "a list of texts",
+            Self::DoubleList(_) => "a list of numbers",
         }
     }
 }
@@ -49,8 +52,8 @@ pub enum UnsuitableValue {
     /// An integer or a number outside of the range of 64 bits.
     #[error("is a number out of range")]
     Range,
-    /// A list with an item that is not a text.
-    #[error("must be a list of texts")]
+    /// A list of items that are neither all texts nor all numbers.
+    #[error("must be a list of texts or of numbers")]
     Item,
     /// A date.
     #[error("is the date {date}, but parameters cannot be dates")]
@@ -81,6 +84,12 @@ impl TryFrom<serde_json::Value> for Value {
                 value.ok_or(UnsuitableValue::Range)
             }
             Yaml::Array(items) => {
+                if let Some(first) = items.first()
+                    && first.is_number()
+                {
+                    let number = |item: &Yaml| item.as_f64().ok_or(UnsuitableValue::Item);
+                    return items.iter().map(number).collect::<Result<_, _>>().map(Self::DoubleList);
+                }
                 let text = |item| match item {
                     Yaml::String(text) => Ok(text),
                     _ => Err(UnsuitableValue::Item),
@@ -100,6 +109,7 @@ impl std::fmt::Display for Value {
             Self::Double(value) => write!(f, "{value}"),
             Self::Text(value) => write!(f, "\"{value}\""),
             Self::TextList(values) => write!(f, "{values:?}"),
+            Self::DoubleList(values) => write!(f, "{values:?}"),
         }
     }
 }
@@ -121,7 +131,9 @@ mod tests {
             ("['tcp/127.0.0.1:7447', b]", Value::TextList(vec!["tcp/127.0.0.1:7447".into(), "b".into()])),
             ("[]", Value::TextList(vec![])),
             ("['a,b', \"c d\"]", Value::TextList(vec!["a,b".into(), "c d".into()])),
-            ("[7]", Value::Text("[7]".into())),
+            ("[7]", Value::DoubleList(vec![7.0])),
+            ("[1500.0, 9e2, 3]", Value::DoubleList(vec![1500.0, 900.0, 3.0])),
+            ("[7, b]", Value::Text("[7, b]".into())),
             ("a, b", Value::Text("a, b".into())),
             ("/fl: 1", Value::Text("/fl: 1".into())),
             ("[a, b", Value::Text("[a, b".into())),

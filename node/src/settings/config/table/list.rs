@@ -35,7 +35,7 @@ const NODE: [Parameter; 3] = [
     },
 ];
 
-const MAIN: [Parameter; 26] = [
+const MAIN: [Parameter; 27] = [
     list!(
         "dampers",
         "names of several dampers; each is a node in its own namespace, with parameters below its name (front_left.model); empty: the node itself is the damper",
@@ -77,6 +77,12 @@ const MAIN: [Parameter; 26] = [
         Running,
         "time constant with which the observer follows measured force, s",
         observer_tau_s
+    ),
+    truth!(
+        "boada.learn",
+        Running,
+        "true: a boada model learns from measured force while it runs; load_model and reset forget what was learned, and no file changes",
+        settings.lazy_learning
     ),
     double!(
         "force_timeout_s",
@@ -224,7 +230,7 @@ const MAIN: [Parameter; 26] = [
     ),
 ];
 
-const COMMAND: [Parameter; 14] = [
+const COMMAND: [Parameter; 16] = [
     text!(
         "law",
         ParameterKind::Choice(&["off", "follow", "skyhook", "groundhook", "fixed"]),
@@ -251,6 +257,20 @@ const COMMAND: [Parameter; 14] = [
         Running,
         "damping between body and sky, N s/m",
         skyhook_n_s_m
+    ),
+    double_list!(
+        "skyhook.gains_n_s_m",
+        0.0..=1e6,
+        Running,
+        "dampings between body and sky at the currents skyhook.centres_a, blended by fuzzy sets over the current, N s/m; empty: skyhook.damping_n_s_m at all currents",
+        skyhook_gains_n_s_m
+    ),
+    double_list!(
+        "skyhook.centres_a",
+        0.0..=100.0,
+        Running,
+        "increasing currents at which skyhook.gains_n_s_m hold, A; the sets are half as wide as the currents are apart",
+        skyhook_centres_a
     ),
     double!(
         "groundhook.damping_n_s_m",
