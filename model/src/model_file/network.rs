@@ -57,11 +57,10 @@ const KEYS: [&str; 15] = [
 impl Parameters {
     pub(super) fn of(network: &Network) -> Self {
         let (hidden, inputs) = (network.structure().hidden(), network.inputs());
-        let weights = network.weights();
+        let layers = Layers::of(&network.weights(), hidden, inputs);
         let scaling = network.scaling();
         let drive = |kind| scaling.drive.filter(|(k, _)| *k == kind).map(|(_, drive)| drive);
         let (current, voltage) = (drive(DriveKind::CoilCurrent), drive(DriveKind::CommandVoltage));
-        let row = |j| (0..inputs).map(|i| weights[i * hidden + j]).collect();
         Self {
             sample_period_s: network.sample_period().get(),
             force_offset_n: network.force_offset_n(),
@@ -74,11 +73,56 @@ impl Parameters {
             current_deviation_a: current.map(|n| n.deviation),
             voltage_mean_v: voltage.map(|n| n.mean),
             voltage_deviation_v: voltage.map(|n| n.deviation),
+            hidden_weights: layers.hidden_weights,
+            hidden_biases: layers.hidden_biases,
+            output_weights: layers.output_weights,
+            output_bias: layers.output_bias,
+        }
+    }
+}
+
+/// The weights of a network as a file holds them.
+pub(super) struct Layers {
+    /// For each hidden neuron, a list with its input weights.
+    pub(super) hidden_weights: Vec<Vec<f64>>,
+    /// One for each hidden neuron.
+    pub(super) hidden_biases: Vec<f64>,
+    /// One for each hidden neuron.
+    pub(super) output_weights: Vec<f64>,
+    pub(super) output_bias: f64,
+}
+
+impl Layers {
+    /// The layers of a network with `weights` in the order of [`Network::new`].
+    pub(super) fn of(weights: &[f64], hidden: usize, inputs: usize) -> Self {
+        let row = |j| (0..inputs).map(|i| weights[i * hidden + j]).collect();
+        Self {
             hidden_weights: (0..hidden).map(row).collect(),
             hidden_biases: weights[inputs * hidden..][..hidden].to_vec(),
             output_weights: weights[(inputs + 1) * hidden..][..hidden].to_vec(),
             output_bias: weights[(inputs + 2) * hidden],
         }
+    }
+
+    /// The weights in the order of [`Network::new`], from the layers in `table` of the file.
+    pub(super) fn weights(&self, table: &str, hidden: usize, inputs: usize) -> Result<Vec<f64>, Error> {
+        let check = |name: String, found: usize, expected: usize, what: &str| {
+            if found == expected {
+                return Ok(());
+            }
+            Err(Error::Length { name, found, expected: format!("{expected} ({what})") })
+        };
+        let neurons = "one for each hidden neuron";
+        check(format!("{table}.hidden_weights"), self.hidden_weights.len(), hidden, neurons)?;
+        check(format!("{table}.hidden_biases"), self.hidden_biases.len(), hidden, neurons)?;
+        check(format!("{table}.output_weights"), self.output_weights.len(), hidden, neurons)?;
+        for (j, row) in self.hidden_weights.iter().enumerate() {
+            check(format!("{table}.hidden_weights[{j}]"), row.len(), inputs, "one for each input")?;
+        }
+        let mut weights: Vec<f64> =
+            (0..inputs).flat_map(|i| self.hidden_weights.iter().map(move |row| row[i])).collect();
+        weights.extend(self.hidden_biases.iter().chain(&self.output_weights).chain([&self.output_bias]));
+        Ok(weights)
     }
 }
 
@@ -119,22 +163,13 @@ pub(super) fn read(
         (p.voltage_mean_v, p.voltage_deviation_v),
     )?;
     let (hidden, inputs) = (structure.hidden(), structure.inputs(drive.is_some()));
-    let check = |name: String, found: usize, expected: usize, what: &str| {
-        if found == expected {
-            return Ok(());
-        }
-        Err(Error::Length { name, found, expected: format!("{expected} ({what})") })
+    let layers = Layers {
+        hidden_weights: p.hidden_weights,
+        hidden_biases: p.hidden_biases,
+        output_weights: p.output_weights,
+        output_bias: p.output_bias,
     };
-    let neurons = "one for each hidden neuron";
-    check("parameters.hidden_weights".to_owned(), p.hidden_weights.len(), hidden, neurons)?;
-    check("parameters.hidden_biases".to_owned(), p.hidden_biases.len(), hidden, neurons)?;
-    check("parameters.output_weights".to_owned(), p.output_weights.len(), hidden, neurons)?;
-    for (j, row) in p.hidden_weights.iter().enumerate() {
-        check(format!("parameters.hidden_weights[{j}]"), row.len(), inputs, "one for each input")?;
-    }
-    let mut weights: Vec<f64> =
-        (0..inputs).flat_map(|i| p.hidden_weights.iter().map(move |row| row[i])).collect();
-    weights.extend(p.hidden_biases.iter().chain(&p.output_weights).chain([&p.output_bias]));
+    let weights = layers.weights("parameters", hidden, inputs)?;
     let scaling = NetworkScaling {
         displacement_m: Normalisation { mean: p.displacement_mean_m, deviation: p.displacement_deviation_m },
         velocity_m_s: Normalisation { mean: p.velocity_mean_m_s, deviation: p.velocity_deviation_m_s },
