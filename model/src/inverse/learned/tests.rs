@@ -90,12 +90,11 @@ fn rules_compute_their_equation() {
         let u =
             [(at.velocity_m_s - 0.01) / 0.1, (at.acceleration_m_s2 + 0.5) / 4.0, (force_n(k) - 15.0) / 400.0];
         let (mut sum, mut total) = (0.0, 0.0);
-        for r in 0..27 {
+        for (r, [p, q, s, c]) in conclusions.iter().enumerate() {
             let sets = [r / 9, (r / 3) % 3, r % 3];
             let z: f64 =
                 (0..3).map(|n| ((u[n] - axes[n].centres[sets[n]]) / axes[n].sigmas[sets[n]]).powi(2)).sum();
             let fires = (-0.5 * z).exp();
-            let [p, q, s, c] = conclusions[r];
             (sum, total) = (sum + fires * (p * u[0] + q * u[1] + s * u[2] + c), total + fires);
         }
         let mut state = InverseState::default();
