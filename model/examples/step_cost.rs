@@ -81,7 +81,7 @@ fn step(what: &str) -> Option<Box<dyn FnMut(u64)>> {
             black_box(inputs(k));
         }));
     }
-    if let Some(method) = Method::named(what) {
+    if let Some(method) = Method::named(what).filter(|_| METHODS.contains(&what)) {
         let model = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
         let mut controller = InverseController::with_method(&model, Limits::default(), method)
             .expect("a model with an inverse");

@@ -4,6 +4,7 @@
 use crate::condition::Conditioning;
 use crate::effect::{Augmented, AugmentedState, EffectModel, Effects};
 use crate::force::{ForceModel, Inputs};
+use crate::inverse::InverseModel;
 use crate::uncertainty::Uncertainty;
 use serde::{Deserialize, Serialize};
 
@@ -45,6 +46,8 @@ pub struct Model {
     pub envelope: Envelope,
     /// Its expected error.
     pub expected: Expected,
+    /// A learned inverse model of the same runs, for the inverse controller.
+    pub inverse: Option<InverseModel>,
 }
 
 impl Model {

@@ -111,6 +111,20 @@ pub enum IdentifyError {
         /// The requested rate, Hz.
         requested_hz: f64,
     },
+    /// An inverse model was requested for a model without a current input.
+    #[error(
+        "an inverse model {inverse} needs a force model with the coil current as input, but the input of this {model} model is {}; \
+         identify from runs with current_a, without --passive",
+        drive.map_or("motion alone", |drive| drive.name())
+    )]
+    InverseWithoutCurrent {
+        /// Name of the inverse model.
+        inverse: &'static str,
+        /// Name of the force model.
+        model: &'static str,
+        /// Its drive.
+        drive: Option<DriveKind>,
+    },
     /// A model that is valid at one rate only was requested for runs at different rates.
     #[error(
         "the {model} model is valid at one rate only, but run {} is at {:.6} Hz and run {} at {:.6} Hz; identify them separately, or \

@@ -36,6 +36,33 @@ pub enum NoInverse {
         /// Number of points.
         points: usize,
     },
+    /// The model file has no learned inverse of this kind.
+    #[error(
+        "{}; identify it with the model: `mr-damper identify --inverse {method} --model NAME RUN... --out MODEL.toml`, or use {}",
+        match held {
+            None => format!("has no inverse model {method} in its file"),
+            Some(held) => format!("has the inverse model {held} in its file, not {method}"),
+        },
+        held.unwrap_or("search"),
+    )]
+    NotLearned {
+        /// Name of the method.
+        method: &'static str,
+        /// The learned inverse that the file has.
+        held: Option<&'static str>,
+    },
+    /// The learned inverse belongs to another sample rate.
+    #[error(
+        "has an inverse model {method} for {learned_hz:.6} Hz, but its own rate is {rate_hz:.6} Hz; identify both from the same runs"
+    )]
+    OtherRate {
+        /// Name of the method.
+        method: &'static str,
+        /// Sample rate of the learned inverse, Hz.
+        learned_hz: f64,
+        /// Sample rate of the model, Hz.
+        rate_hz: f64,
+    },
     /// The model does not determine the coefficients of the inverse.
     #[error("does not determine its {method} inverse; use search")]
     Undetermined {

@@ -124,6 +124,15 @@ pub enum ModelFileError {
         /// The parameters that the drive needs.
         needed: String,
     },
+    /// A learned inverse needs a current as the drive.
+    #[error(
+        "model file: inverse_model computes a coil current, so drive must be \"current_a\", but it is {}; remove the table inverse_model",
+        drive.map_or("absent".to_owned(), |drive| format!("\"{drive}\""))
+    )]
+    InverseDrive {
+        /// The drive of the file.
+        drive: Option<DriveKind>,
+    },
     /// No effect has this id.
     #[error("model file: effects[{index}].id is \"{id}\"; did you mean {nearest}? (known are {})", known.join(", "))]
     UnknownEffectId {

@@ -152,7 +152,7 @@ impl Normalisation {
     }
 
     /// Checks that the mean is finite and the deviation positive.
-    pub(super) fn check(&self, mean_name: &str, deviation_name: &str) -> Result<(), Error> {
+    pub(crate) fn check(&self, mean_name: &str, deviation_name: &str) -> Result<(), Error> {
         Error::check(mean_name, self.mean, "finite", |_| true)?;
         Error::check(deviation_name, self.deviation, "positive and finite", |d| d > 0.0)?;
         Ok(())

@@ -292,5 +292,6 @@ fn model(force: ForceModel, conditioning: Conditioning, datasets: &[Dataset]) ->
         rate_hz: datasets.iter().map(|d| d.rate_hz).fold(f64::INFINITY, f64::min),
         envelope: Envelope { drive: envelope.drive.filter(|_| force.drive().is_some()), ..envelope },
         expected: Expected::default(),
+        inverse: None,
     }
 }

@@ -43,6 +43,7 @@ mod dataset;
 mod fit;
 mod free_sets;
 mod fuzzy_tanh;
+mod inverse;
 mod law;
 mod lazy;
 pub mod least_squares;
@@ -71,6 +72,7 @@ mod watch;
 
 pub use crate::force::Form;
 pub use dataset::{Dataset, DatasetOptions, Row};
+pub use inverse::{CurrentFit, IdentifiedInverse, identify_inverse, score_inverse};
 pub use levels::{MembershipSource, Memberships};
 pub use options::{Loss, Options, Placement};
 pub use phase::{IdentifiedPhase, PhaseOptions, explained_n, identify_phase, score_phase};

@@ -105,11 +105,24 @@ pub(super) fn fit(
     seed: u64,
     watch: &Watch,
 ) -> Result<Fitted, Error> {
+    fit_about(datasets, structure, drive, None, restarts, seed, watch)
+}
+
+/// The same, with a first estimate of the runs' offsets, N, or `None` for that of [`session_offsets_n`].
+pub(super) fn fit_about(
+    datasets: &[Dataset],
+    structure: NetworkStructure,
+    drive: Option<DriveKind>,
+    offsets_n: Option<Vec<f64>>,
+    restarts: u32,
+    seed: u64,
+    watch: &Watch,
+) -> Result<Fitted, Error> {
     let rate_hz = regression::common_rate(datasets, structure.name())?;
     // Checked first: with only a few samples the checks of the channels are meaningless.
     let counted: usize = datasets.iter().map(Dataset::counted).sum();
     check_rows([counted, counted], structure, structure.weights(drive.is_some()))?;
-    let offsets_n = session_offsets_n(datasets, drive.is_some());
+    let offsets_n = offsets_n.unwrap_or_else(|| session_offsets_n(datasets, drive.is_some()));
     let scaling = scaling(datasets, drive, &offsets_n)?;
     let zeros = vec![0.0; structure.weights(drive.is_some())];
     let offset_n = super::mean_offset(datasets, &offsets_n);

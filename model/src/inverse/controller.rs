@@ -26,9 +26,10 @@
 //! See `[dyke1996]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::control_law::Demand;
+use super::learned::InverseState;
 use super::limits::{LimitedBy, Limits};
 use super::method::Method;
-use super::prepare::Inverse;
+use super::prepare::{Found, Inverse};
 use super::shape::{HARDLY, Shape};
 use super::solve::Moment;
 use super::surrogate::{Surrogate, SurrogateFit};
@@ -58,6 +59,8 @@ pub struct CurrentCommand {
     pub dissipative: bool,
     /// The reason why the command does not reach the demanded force.
     pub limited_by: LimitedBy,
+    /// The search found the current, because the learned inverse of [`Method`] gave none; see there when. False for other methods.
+    pub substituted: bool,
 }
 
 /// The inverse controller of one damper. It is `Copy` and uses no heap, because it is handed to a real-time thread.
@@ -98,6 +101,8 @@ struct Memory {
     target_a: f64,
     /// Current that acts on the fluid, A.
     fluid_a: f64,
+    /// Past samples of a learned inverse; only consecutive samples with a demanded force are in it.
+    learned: InverseState,
     /// Bias: error of the model as learnt from measured force, N.
     bias_n: f64,
     /// Rate at which the current goes to the safe current, A/s, once it has started to.
@@ -135,6 +140,7 @@ impl InverseController {
             last_a: limits.safe_a,
             target_a: limits.safe_a,
             fluid_a: limits.safe_a,
+            learned: InverseState::default(),
             bias_n: 0.0,
             safe_rate_a_s: None,
         };
@@ -180,6 +186,8 @@ impl InverseController {
             last_a: last_a.min(max_a),
             target_a: target_a.min(max_a),
             fluid_a,
+            // The past demands were clipped to the range of the old model.
+            learned: InverseState::default(),
             bias_n,
             safe_rate_a_s,
         };
@@ -276,7 +284,9 @@ impl Memory {
         let Step { limits, inverse, inputs, dt_s } = *on;
         let target_n = demand_n - self.bias_n + self.feedback_n(on, demand_n, measured_n);
         let last = (Ampere(self.fluid_a), Newton(modelled_n));
-        let Some(solved) = inverse.solve(&moment, inputs, target_n, last) else {
+        let Some(Found { solution: solved, substituted }) =
+            inverse.solve(&moment, inputs, target_n, self.bias_n, last, &mut self.learned)
+        else {
             return self.safe(limits, Demand::Force(demand_n), dt_s);
         };
         self.safe_rate_a_s = None;
@@ -300,7 +310,9 @@ impl Memory {
             false if solved.current_a > 0.5 * limits.current_max_a => LimitedBy::CurrentMax,
             false => LimitedBy::CurrentMin,
         };
-        let led_a = self.lead_a(on);
+        // A learned inverse gives the driver's current; every other target is the current in the fluid.
+        let is_led = inverse.learned.is_none() || substituted;
+        let led_a = if is_led { self.lead_a(on) } else { self.target_a };
         // The current in the fluid is held. If the demand would drive the rod, the current must not rise.
         let led_a = if dissipative { led_a } else { led_a.min(self.last_a) };
         let (current_a, limited_by) = self.limited(limits, led_a, force_limited_by, dt_s);
@@ -308,6 +320,7 @@ impl Memory {
         let expected_n =
             if fluid_a == solved.current_a { Some(solved.force_n) } else { moment.force_n(fluid_a) };
         self.last_a = current_a;
+        self.learned.feed(current_a);
         CurrentCommand {
             current: Ampere(current_a),
             requested: Newton(demand_n),
@@ -316,6 +329,7 @@ impl Memory {
             is_achievable,
             dissipative,
             limited_by,
+            substituted,
         }
     }
 
@@ -327,12 +341,12 @@ impl Memory {
         (modelled_n, moment): (f64, Moment),
     ) -> CurrentCommand {
         let last = (Ampere(self.fluid_a), Newton(modelled_n));
-        let solved = on.inverse.solve(&moment, on.inputs, modelled_n, last);
+        let achievable_n = on.inverse.achievable_n(&moment, modelled_n, last);
         let fluid_a = self.after(on.inverse, command.current.get(), on.dt_s);
         let biased = |force_n: f64| Newton(force_n + self.bias_n);
         CurrentCommand {
             expected: biased(moment.force_n(fluid_a).unwrap_or(f64::NAN)),
-            achievable: solved.map_or([f64::NAN; 2], |solved| solved.achievable_n).map(biased),
+            achievable: achievable_n.unwrap_or([f64::NAN; 2]).map(biased),
             ..command
         }
     }
@@ -421,6 +435,7 @@ impl Memory {
         let by = if current_a > limits.current_max_a { LimitedBy::CurrentMax } else { LimitedBy::None };
         let (current_a, limited_by) = self.limited(limits, current_a, by, dt_s);
         (self.last_a, self.target_a) = (current_a, current_a);
+        self.learned = InverseState::default();
         self.without_forces(Demand::None, limited_by)
     }
 
@@ -433,6 +448,7 @@ impl Memory {
         let step_a = way_a.clamp(-most_a, most_a);
         self.last_a = (self.last_a + step_a).clamp(0.0, current_max_a);
         self.target_a = self.last_a;
+        self.learned = InverseState::default();
         self.without_forces(demand, LimitedBy::Safe)
     }
 
@@ -446,6 +462,7 @@ impl Memory {
             is_achievable: false,
             dissipative: false,
             limited_by,
+            substituted: false,
         }
     }
 }

@@ -9,8 +9,8 @@
 //! A semi-active damper absorbs energy and cannot deliver any. At each motion its force lies between F(0) and F(i_max). A
 //! demand outside this range is clipped to the nearer end, and the command says why. [`Solver`] finds the current for any
 //! forward model by a bracketed search with a bounded number of steps. It needs a force that is monotonic in the current;
-//! [`Shape`] checks this on a grid when a model is loaded. A [`Method`] other than the search is fitted to the model at the
-//! same time. [`InverseController`] is the inverse controller that runs: it holds the model's state, compensates a coil lag with a
+//! [`Shape`] checks this on a grid when a model is loaded. A surrogate [`Method`] is fitted to the model at the
+//! same time; a learned inverse ([`InverseModel`]) was identified from runs, and comes with the model. [`InverseController`] is the inverse controller that runs: it holds the model's state, compensates a coil lag with a
 //! lead, learns the model's bias from a load cell, and stays within its [`Limits`]. A [`ControlLaw`] sets the
 //! demanded force. [`track`] simulates how well a demand is followed, on the model and on the rig.
 //!
@@ -20,6 +20,7 @@ mod control_law;
 mod controller;
 mod cycle;
 mod fuzzy;
+mod learned;
 mod limits;
 mod method;
 mod polynomial;
@@ -31,6 +32,9 @@ pub mod track;
 
 pub use control_law::{ControlLaw, Demand, SkyhookGains};
 pub use controller::{CurrentCommand, InverseController};
+pub use learned::{
+    FuzzyAxis, InverseFuzzy, InverseKind, InverseModel, InverseNetwork, InverseScaling, InverseState,
+};
 pub use limits::{LimitedBy, Limits};
 pub use method::Method;
 pub use shape::{Fold, Shape};

@@ -114,6 +114,44 @@ impl Solver {
     }
 }
 
+/// The forces of a model at one moment, at both ends of the range of the current.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ends {
+    max_a: f64,
+    low_n: f64,
+    high_n: f64,
+}
+
+impl Ends {
+    /// The forces without current and at `max_a`; `None` if the model has no force.
+    #[inline]
+    pub(super) fn of(moment: &Moment, max_a: f64) -> Option<Self> {
+        Some(Self { max_a, low_n: moment.force_n(0.0)?, high_n: moment.force_n(max_a)? })
+    }
+
+    /// Change of the force from zero current to the largest, N.
+    pub(super) const fn way_n(&self) -> f64 {
+        self.high_n - self.low_n
+    }
+
+    /// The least and the largest force, N.
+    pub(super) const fn achievable_n(&self) -> [f64; 2] {
+        [self.low_n.min(self.high_n), self.low_n.max(self.high_n)]
+    }
+
+    /// The end that is nearer to `demand_n`; `None` if the demand lies between the ends.
+    #[inline]
+    pub(super) fn clipped(&self, demand_n: f64) -> Option<Solution> {
+        let achievable_n = self.achievable_n();
+        if achievable_n[0] < demand_n && demand_n < achievable_n[1] {
+            return None;
+        }
+        let near_low = (demand_n - self.low_n).abs() <= (demand_n - self.high_n).abs();
+        let (current_a, force_n) = if near_low { (0.0, self.low_n) } else { (self.max_a, self.high_n) };
+        Some(Solution { current_a, force_n, achievable_n })
+    }
+}
+
 /// A model at one motion and from one state, as a function of the current.
 #[allow(clippy::large_enum_variant, reason = "a box would allocate")]
 #[derive(Debug, Clone, Copy)]

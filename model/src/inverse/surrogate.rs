@@ -14,7 +14,7 @@ use super::method::Method;
 use super::polynomial::Polynomial;
 use super::prepare::refused;
 use super::shape::{HARDLY, Shape};
-use super::solve::{Moment, Solution};
+use super::solve::{Ends, Moment, Solution};
 use crate::effect::{Augmented, Effect, Effects, term};
 use crate::error::{Error, NoInverse};
 use crate::force::{Inputs, MAX_INPUTS};
@@ -97,7 +97,7 @@ impl Map {
 }
 
 impl Surrogate {
-    /// The surrogate of `model` by `method`; `None` for the search.
+    /// The surrogate of `model` by `method`; `None` for another method.
     ///
     /// # Errors
     /// [`InverseError`](crate::error::InverseError) for a model that the method does not support.
@@ -107,7 +107,7 @@ impl Surrogate {
         shape: &Shape,
         limits: &Limits,
     ) -> Result<Option<Self>, Error> {
-        if method == Method::Search {
+        if !matches!(method, Method::Polynomial | Method::Fuzzy) {
             return Ok(None);
         }
         check(model, method, shape)?;
@@ -149,16 +149,13 @@ impl Surrogate {
         last: Ampere,
     ) -> Option<Solution> {
         let max_a = self.current_max_a;
-        let (low_n, high_n) = (moment.force_n(0.0)?, moment.force_n(max_a)?);
-        let achievable_n = [low_n.min(high_n), low_n.max(high_n)];
-        if !(achievable_n[0] < demand_n && demand_n < achievable_n[1]) {
-            let near_low = (demand_n - low_n).abs() <= (demand_n - high_n).abs();
-            let (current_a, force_n) = if near_low { (0.0, low_n) } else { (max_a, high_n) };
-            return Some(Solution { current_a, force_n, achievable_n });
+        let ends = Ends::of(moment, max_a)?;
+        if let Some(end) = ends.clipped(demand_n) {
+            return Some(end);
         }
-        let found = self.map.current_a(inputs, demand_n - moment.added_n()?, high_n - low_n);
+        let found = self.map.current_a(inputs, demand_n - moment.added_n()?, ends.way_n());
         let current_a = found.filter(|a| !a.is_nan()).unwrap_or(last.get()).clamp(0.0, max_a);
-        Some(Solution { current_a, force_n: moment.force_n(current_a)?, achievable_n })
+        Some(Solution { current_a, force_n: moment.force_n(current_a)?, achievable_n: ends.achievable_n() })
     }
 }
 
@@ -225,8 +222,8 @@ impl FitContext<'_> {
     }
 }
 
-/// Refuses a model whose inverse is not a function of motion and force.
-fn check(model: &Model, method: Method, shape: &Shape) -> Result<(), Error> {
+/// Refuses a model whose inverse is not unique, or whose current acts only samples later.
+pub(super) fn check_unique(model: &Model, method: Method, shape: &Shape) -> Result<(), Error> {
     let method = method.name();
     if model.force.force_fed_period().is_some() {
         return Err(refused(model, NoInverse::Autoregressive { method }));
@@ -235,6 +232,13 @@ fn check(model: &Model, method: Method, shape: &Shape) -> Result<(), Error> {
         let (fall_n, current_a) = (fold.fall_n, fold.current_a);
         return Err(refused(model, NoInverse::NotUnique { method, fall_n, current_a }));
     }
+    Ok(())
+}
+
+/// Refuses a model whose inverse is not a function of motion and force.
+fn check(model: &Model, method: Method, shape: &Shape) -> Result<(), Error> {
+    check_unique(model, method, shape)?;
+    let method = method.name();
     let stands = |effect: Effect| effect.only_adds() || effect.lags_drive();
     match model.effects.as_slice().iter().find(|effect| !stands(effect.effect())) {
         Some(effect) => Err(refused(model, NoInverse::NotAForce { method, effect: effect.effect().title() })),

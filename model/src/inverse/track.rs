@@ -54,6 +54,8 @@ pub struct Figures {
     pub dissipative_violations: u64,
     /// Samples at which the rate limit acted.
     pub rate_limited: u64,
+    /// Samples at which the search gave the current, because the learned inverse gave none.
+    pub substituted: u64,
 }
 
 /// Sums of squared errors and squared demands.
@@ -83,6 +85,7 @@ impl Figures {
     pub fn of(points: &[Point]) -> Self {
         let (mut all, mut able) = (Squares::default(), Squares::default());
         let (mut demanded, mut infeasible, mut violations, mut rate_limited) = (0_u64, 0_u64, 0, 0);
+        let mut substituted = 0;
         let mut last_a = 0.0;
         for Point { achieved, command, .. } in points {
             if command.limited_by != LimitedBy::Safe {
@@ -95,6 +98,7 @@ impl Figures {
                 }
                 violations += u64::from(!command.dissipative && command.current.get() > last_a);
                 rate_limited += u64::from(command.limited_by == LimitedBy::Rate);
+                substituted += u64::from(command.substituted);
             }
             last_a = command.current.get();
         }
@@ -106,6 +110,7 @@ impl Figures {
             infeasible_share: infeasible as f64 / (demanded.max(1)) as f64,
             dissipative_violations: violations,
             rate_limited,
+            substituted,
         }
     }
 }

@@ -12,6 +12,7 @@
 //! tau_s = 0.01                 # parameters by name
 //!
 //! [parameters]                 # unit-suffixed names; see `Parameters`
+//! [inverse_model]              # a learned inverse, if one was identified; see [`crate::inverse::InverseModel`]
 //! [conditioning]               # filter, derivative, rate
 //! [envelope]                   # training ranges
 //! [expected]                   # expected RMSE, N
@@ -25,6 +26,7 @@
 mod arx;
 mod effects;
 mod fuzzy_tanh;
+mod inverse_model;
 mod law;
 mod lazy;
 mod lpv;
@@ -196,6 +198,8 @@ struct Written<'a> {
     drive: Option<DriveKind>,
     effects: Vec<effects::Written>,
     parameters: Parameters,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    inverse_model: Option<inverse_model::Written>,
     conditioning: FileConditioning,
     envelope: Envelope,
     expected: Expected,
@@ -211,6 +215,7 @@ struct Read {
     #[serde(default)]
     effects: Vec<toml::Table>,
     parameters: toml::Table,
+    inverse_model: Option<toml::Table>,
     conditioning: toml::Table,
     #[serde(default)]
     envelope: Envelope,
@@ -226,13 +231,14 @@ impl ModelFile {
     /// # Errors
     /// If a number cannot be written as TOML.
     pub fn to_toml(&self) -> Result<String, Error> {
-        let Model { force, effects, conditioning, rate_hz, envelope, expected } = self.model;
+        let Model { force, effects, conditioning, rate_hz, envelope, expected, inverse } = self.model;
         let written = Written {
             schema: SCHEMA,
             model: force.name(),
             drive: force.drive(),
             effects: effects::write(&effects, &force),
             parameters: Parameters::of(&force),
+            inverse_model: inverse.as_ref().map(inverse_model::Written::of),
             conditioning: FileConditioning { rate_hz, conditioning },
             envelope,
             expected,
@@ -283,7 +289,8 @@ impl ModelFile {
         conditioning.validate()?;
         let effects = effects::read(&read.effects, &force)?;
         let (envelope, expected) = (read.envelope, read.expected);
-        let model = Model { force, effects, conditioning, rate_hz, envelope, expected };
+        let inverse = read.inverse_model.map(|table| inverse_model::read(read.drive, &table)).transpose()?;
+        let model = Model { force, effects, conditioning, rate_hz, envelope, expected, inverse };
         Ok(Self { model, provenance: read.provenance })
     }
 }

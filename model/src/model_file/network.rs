@@ -66,12 +66,12 @@ impl Parameters {
     pub(super) fn of(network: &Network) -> Self {
         let (hidden, inputs) = (network.structure().hidden(), network.inputs());
         let weights = network.weights();
+        let layers = Layers::of(&weights, hidden, inputs);
         let scaling = network.scaling();
         let drive = |kind| scaling.drive.filter(|(k, _)| *k == kind).map(|(_, drive)| drive);
         let (current, voltage) = (drive(DriveKind::CoilCurrent), drive(DriveKind::CommandVoltage));
         let has_neurons = network.structure().has_input_neurons();
         let input_layer = has_neurons.then(|| &weights[(inputs + 2) * hidden + 1..]);
-        let row = |j| (0..inputs).map(|i| weights[i * hidden + j]).collect();
         Self {
             sample_period_s: network.sample_period().get(),
             force_offset_n: network.force_offset_n(),
@@ -84,13 +84,61 @@ impl Parameters {
             current_deviation_a: current.map(|n| n.deviation),
             voltage_mean_v: voltage.map(|n| n.mean),
             voltage_deviation_v: voltage.map(|n| n.deviation),
+            hidden_weights: layers.hidden_weights,
+            hidden_biases: layers.hidden_biases,
+            output_weights: layers.output_weights,
+            output_bias: layers.output_bias,
+            input_gains: input_layer.map(|layer| layer[..inputs].to_vec()),
+            input_biases: input_layer.map(|layer| layer[inputs..].to_vec()),
+        }
+    }
+}
+
+/// Refuses a list of another length than `expected`; `what` says which one that is.
+fn check_length(name: String, found: usize, expected: usize, what: &str) -> Result<(), Error> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::Length { name, found, expected: format!("{expected} ({what})") })
+}
+
+/// The weights of a network as a file holds them.
+pub(super) struct Layers {
+    /// For each hidden neuron, a list with its input weights.
+    pub(super) hidden_weights: Vec<Vec<f64>>,
+    /// One for each hidden neuron.
+    pub(super) hidden_biases: Vec<f64>,
+    /// One for each hidden neuron.
+    pub(super) output_weights: Vec<f64>,
+    pub(super) output_bias: f64,
+}
+
+impl Layers {
+    /// The layers of a network with `weights` in the order of [`Network::new`].
+    pub(super) fn of(weights: &[f64], hidden: usize, inputs: usize) -> Self {
+        let row = |j| (0..inputs).map(|i| weights[i * hidden + j]).collect();
+        Self {
             hidden_weights: (0..hidden).map(row).collect(),
             hidden_biases: weights[inputs * hidden..][..hidden].to_vec(),
             output_weights: weights[(inputs + 1) * hidden..][..hidden].to_vec(),
             output_bias: weights[(inputs + 2) * hidden],
-            input_gains: input_layer.map(|layer| layer[..inputs].to_vec()),
-            input_biases: input_layer.map(|layer| layer[inputs..].to_vec()),
         }
+    }
+
+    /// The weights in the order of [`Network::new`], from the layers in `table` of the file.
+    pub(super) fn weights(&self, table: &str, hidden: usize, inputs: usize) -> Result<Vec<f64>, Error> {
+        let check = check_length;
+        let neurons = "one for each hidden neuron";
+        check(format!("{table}.hidden_weights"), self.hidden_weights.len(), hidden, neurons)?;
+        check(format!("{table}.hidden_biases"), self.hidden_biases.len(), hidden, neurons)?;
+        check(format!("{table}.output_weights"), self.output_weights.len(), hidden, neurons)?;
+        for (j, row) in self.hidden_weights.iter().enumerate() {
+            check(format!("{table}.hidden_weights[{j}]"), row.len(), inputs, "one for each input")?;
+        }
+        let mut weights: Vec<f64> =
+            (0..inputs).flat_map(|i| self.hidden_weights.iter().map(move |row| row[i])).collect();
+        weights.extend(self.hidden_biases.iter().chain(&self.output_weights).chain([&self.output_bias]));
+        Ok(weights)
     }
 }
 
@@ -137,27 +185,18 @@ pub(super) fn read(
         (structure, _, _) => structure,
     };
     let (hidden, inputs) = (structure.hidden(), structure.inputs(drive.is_some()));
-    let check = |name: String, found: usize, expected: usize, what: &str| {
-        if found == expected {
-            return Ok(());
-        }
-        Err(Error::Length { name, found, expected: format!("{expected} ({what})") })
+    let layers = Layers {
+        hidden_weights: p.hidden_weights,
+        hidden_biases: p.hidden_biases,
+        output_weights: p.output_weights,
+        output_bias: p.output_bias,
     };
-    let neurons = "one for each hidden neuron";
-    check("parameters.hidden_weights".to_owned(), p.hidden_weights.len(), hidden, neurons)?;
-    check("parameters.hidden_biases".to_owned(), p.hidden_biases.len(), hidden, neurons)?;
-    check("parameters.output_weights".to_owned(), p.output_weights.len(), hidden, neurons)?;
-    for (j, row) in p.hidden_weights.iter().enumerate() {
-        check(format!("parameters.hidden_weights[{j}]"), row.len(), inputs, "one for each input")?;
-    }
-    let mut weights: Vec<f64> =
-        (0..inputs).flat_map(|i| p.hidden_weights.iter().map(move |row| row[i])).collect();
-    weights.extend(p.hidden_biases.iter().chain(&p.output_weights).chain([&p.output_bias]));
+    let mut weights = layers.weights("parameters", hidden, inputs)?;
     let expected = if structure.has_input_neurons() { inputs } else { 0 };
     for (name, list) in [("input_gains", &p.input_gains), ("input_biases", &p.input_biases)] {
         let list = list.as_deref().unwrap_or_default();
         let what = if expected > 0 { "one for each input" } else { "this structure has no input layer" };
-        check(format!("parameters.{name}"), list.len(), expected, what)?;
+        check_length(format!("parameters.{name}"), list.len(), expected, what)?;
         weights.extend(list);
     }
     let scaling = NetworkScaling {

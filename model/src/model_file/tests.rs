@@ -7,6 +7,7 @@ use crate::force::{
     Arx, Dependence, FuzzySets, FuzzyTanh, Lazy, LazyMetric, LazyPoint, Lpv, MaxwellSlip, Network,
     NetworkScaling, Normalisation, SlipFunction, SlipGrid,
 };
+use crate::inverse::{FuzzyAxis, InverseFuzzy, InverseModel, InverseNetwork, InverseScaling};
 use crate::preset;
 use crate::units::Second;
 use proptest::prelude::*;
@@ -375,4 +376,114 @@ proptest! {
             prop_assert_eq!(ModelFile::from_toml(&read.to_toml().expect("writes")), Ok(read));
         }
     }
+}
+
+/// Each kind of learned inverse, with different numbers in each place.
+fn inverses() -> [InverseModel; 3] {
+    let networks = [NetworkStructure::Narx, NetworkStructure::Chen].map(|structure| {
+        let weights: Vec<f64> =
+            (0..structure.weights(true)).map(|k| (f64::from(k as u32) * 0.7).sin() / 3.0).collect();
+        let scaling = InverseScaling {
+            displacement_m: Normalisation { mean: 1e-4, deviation: 0.006 },
+            velocity_m_s: Normalisation { mean: -0.002, deviation: 0.07 },
+            force_n: Normalisation { mean: 11.0, deviation: 410.0 },
+            current_a: Normalisation { mean: 0.9, deviation: 0.6 },
+        };
+        let network = InverseNetwork::new(structure, scaling, &weights, Second(1.0 / 512.0));
+        InverseModel::Network(network.expect("a network"))
+    });
+    let axis =
+        |mean, std_dev| FuzzyAxis { mean, std_dev, centres: [-1.1, 0.2, 1.3], sigmas: [0.5, 0.6, 0.7] };
+    let axes = [axis(0.01, 0.1), axis(-0.3, 4.0), axis(20.0, 400.0)];
+    let conclusions =
+        std::array::from_fn(|r| std::array::from_fn(|m| (f64::from((4 * r + m) as u32) * 0.3).cos()));
+    let rules = InverseFuzzy::new(axes, &conclusions, 1.1, 0.7).expect("rules");
+    let [wang_liao, chen] = networks;
+    [wang_liao, chen, InverseModel::Fuzzy(rules)]
+}
+
+#[test]
+fn every_inverse_model_is_bit_identical_after_write_and_read() {
+    let plain = file("thesis/fuzzy-tanh/rp3-cs");
+    assert!(!plain.to_toml().expect("writes").contains("inverse_model"), "old readers read files without it");
+    for inverse in inverses() {
+        let written = ModelFile { model: Model { inverse: Some(inverse), ..plain.model }, ..plain.clone() };
+        let text = written.to_toml().expect("writes");
+        assert!(text.contains(&format!("[inverse_model]\nkind = \"{}\"", inverse.kind().name())), "{text}");
+        let read = ModelFile::from_toml(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        assert_eq!(read, written);
+        assert_ne!(read, plain);
+    }
+}
+
+#[test]
+fn an_invalid_inverse_model_is_refused_with_its_key() {
+    let plain = file("thesis/fuzzy-tanh/rp3-cs");
+    let [wang_liao, chen, wang_hu] = inverses().map(|inverse| {
+        let model = Model { inverse: Some(inverse), ..plain.model };
+        ModelFile { model, ..plain.clone() }.to_toml().expect("writes")
+    });
+    for (text, from, to, expected) in [
+        (
+            &chen,
+            "kind = \"chen\"",
+            "kind = \"chan\"",
+            "model file: inverse_model.kind is \"chan\", but must be chen, wang-liao or wang-hu",
+        ),
+        (&chen, "kind = \"chen\"\n", "", "model file: inverse_model.kind is missing"),
+        (
+            &chen,
+            "current_mean_a",
+            "current_mean_ma",
+            "model file: inverse_model.current_mean_ma is unknown; did you mean current_mean_a?",
+        ),
+        (
+            &chen,
+            "kind = \"chen\"",
+            "kind = \"wang-liao\"",
+            "inverse_model.hidden_weights has 25 values, but 15 (one for each hidden neuron) are needed",
+        ),
+        (
+            &wang_liao,
+            "force_deviation_n = 410.0",
+            "force_deviation_n = 0.0",
+            "force_deviation_n is 0, but must be positive and finite",
+        ),
+        (
+            &wang_liao,
+            "sample_period_s = 0.001953125",
+            "sample_period_s = -1.0",
+            "sample_period_s is -1, but must be positive and finite",
+        ),
+        (
+            &wang_hu,
+            "force_centres = [-1.1, 0.2, 1.3]",
+            "force_centres = [-1.1, 1.3]",
+            "inverse_model.force_centres has 2 values, but 3 (one for each set) are needed",
+        ),
+        (
+            &wang_hu,
+            "current_std_dev_a = 0.7",
+            "current_std_dev_a = nan",
+            "current_std_dev_a is NaN, but must be positive and finite",
+        ),
+        (
+            &wang_hu,
+            "drive = \"current_a\"",
+            "drive = \"command_v\"",
+            "membership_centres_v and membership_sigma_v",
+        ),
+    ] {
+        assert!(text.contains(from), "the test must change the file: {from}\n{text}");
+        let message = error_of(&text.replacen(from, to, 1));
+        assert!(message.contains(expected), "{to}: {message}");
+    }
+    let passive = file("thesis/sp-passive/rp-icps");
+    let model = Model { inverse: Some(inverses()[0]), ..passive.model };
+    let text = ModelFile { model, ..passive }.to_toml().expect("writes");
+    assert_eq!(
+        error_of(&text),
+        "model file: inverse_model computes a coil current, so drive must be \"current_a\", but it is absent; remove the table \
+         inverse_model"
+    );
 }

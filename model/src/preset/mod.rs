@@ -186,6 +186,7 @@ fn find(name: &str) -> Option<Model> {
         rate_hz: 512.0,
         envelope: Envelope { drive: force.drive().map(|_| [0.0, 2.5]), ..envelope },
         expected,
+        inverse: None,
     })
 }
 

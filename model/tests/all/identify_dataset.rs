@@ -65,6 +65,7 @@ fn assert_rows_match(run: &Run) {
                 rate_hz: 500.0,
                 envelope: Envelope::default(),
                 expected: Expected::default(),
+                inverse: None,
             };
             let settings = Settings { use_measured_force: UseForce::Never, ..Settings::default() };
             let mut pipeline = Pipeline::new(Models::alone(model), settings).expect("settings hold");

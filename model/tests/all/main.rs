@@ -47,4 +47,5 @@ mod effects;
 
 // Inverse control.
 mod inverse;
+mod inverse_learned;
 mod inverse_methods;

@@ -89,6 +89,8 @@ struct Row {
     infeasible_share: f64,
     dissipative_violations: u64,
     rate_limited: u64,
+    /// Commands by the search, because the learned inverse gave no current; 0 for other methods.
+    substituted: u64,
 }
 
 #[derive(Debug, Serialize)]
@@ -119,6 +121,7 @@ impl From<&Figures> for Row {
             infeasible_share: figures.infeasible_share,
             dissipative_violations: figures.dissipative_violations,
             rate_limited: figures.rate_limited,
+            substituted: figures.substituted,
         }
     }
 }
@@ -132,6 +135,7 @@ impl InverseOutcome {
     fn method_in_words(&self) -> String {
         let method = self.method.name();
         match &self.fit {
+            None if self.method.learned().is_some() => format!("currents by the inverse model {method}"),
             None => format!("currents by {method}"),
             Some(fit) => format!(
                 "currents by the {method} inverse; its error on motions between the fitted ones is {:.3} A in current and {:.1} % of the \
@@ -201,6 +205,9 @@ pub fn text(outcome: &InverseOutcome) -> String {
             100.0 * figures.infeasible_share,
             rsse_n
         );
+        if figures.substituted > 0 {
+            let _ = writeln!(text, "    {}", substituted_in_words(figures, outcome.method));
+        }
         if figures.dissipative_violations > 0 {
             let _ = writeln!(
                 text,
@@ -210,6 +217,16 @@ pub fn text(outcome: &InverseOutcome) -> String {
         }
     }
     text
+}
+
+/// How often the search gave the current in the place of a learned inverse, and why.
+fn substituted_in_words(figures: &Figures, method: Method) -> String {
+    format!(
+        "{} currents by the search, because {} had none: it lacks past samples after a start, a gap or an impossible motion, or the sample \
+         rate is not that of its training",
+        figures.substituted,
+        method.name()
+    )
 }
 
 /// `outcome` as a page.
@@ -238,6 +255,9 @@ pub fn html(outcome: &InverseOutcome) -> String {
                  passes a driver and a coil with lag, and the rig's damper differs from the model." }
             p { (capital(&outcome.method_in_words())) ". " (capital(&outcome.fold_in_words())) "." }
         }))
+        @for result in outcome.results.iter().filter(|result| result.figures.substituted > 0) {
+            p { (capital(result.setup.words())) ": " (substituted_in_words(&result.figures, outcome.method)) "." }
+        }
         @for result in &outcome.results { (plots(result, outcome.limits.current_max_a)) }
     };
     page(

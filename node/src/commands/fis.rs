@@ -103,6 +103,7 @@ fn model_text(path: &Path, args: &Args) -> Result<String, NodeError> {
         rate_hz,
         envelope: fis.envelope(&scaling),
         expected: Expected::default(),
+        inverse: None,
     };
     let tool = format!("mr-damper {}, FIS file {}", env!("CARGO_PKG_VERSION"), path.display());
     let file = ModelFile { model, provenance: Provenance { tool, ..Provenance::default() } };

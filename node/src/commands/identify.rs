@@ -11,9 +11,10 @@ use mr_damper_base::provenance::{TOOL, date, expect};
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
-    Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Structure, Variant, Watch,
-    identify,
+    CurrentFit, Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Structure, Variant,
+    Watch, identify, identify_inverse, score_inverse,
 };
+use mr_damper_model::inverse::InverseKind;
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
@@ -48,6 +49,10 @@ pub struct Args {
     /// Fit as in the model's publication, in place of the better default.
     #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(Variant::FITS.map(Variant::name)))]
     pub fit: Option<String>,
+    /// Also identify an inverse model, which computes the current for a force, and store it in the model file for the inverse
+    /// controller (`inverse.method`).
+    #[arg(long, value_name = "KIND", conflicts_with = "passive", value_parser = PossibleValuesParser::new(InverseKind::ALL.map(InverseKind::name)))]
+    pub inverse: Option<String>,
     /// Minimise Huber's loss in place of squares: residuals beyond N newtons get less weight.
     #[arg(long, value_name = "N")]
     pub huber: Option<f64>,
@@ -115,6 +120,20 @@ struct Report<'a> {
     warnings: &'a [String],
     estimates: Vec<Estimate<'a>>,
     restart_rsse_n: &'a [f64],
+    /// The inverse model; absent if none was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    inverse: Option<InverseReport>,
+}
+
+/// The identified inverse model and the errors of its current.
+#[derive(Debug, Serialize)]
+struct InverseReport {
+    kind: &'static str,
+    parameters: usize,
+    seconds: f64,
+    training: Option<CurrentFit>,
+    validation: Option<CurrentFit>,
+    warnings: Vec<String>,
 }
 
 /// A parameter and its standard error, which is `null` if the runs do not determine the parameter.
@@ -180,12 +199,16 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     let mut found = fit(spec, &runs, args, context)?;
     let seconds = start.elapsed().as_secs_f64();
+    let mut inverse = fit_inverse(&mut found, &runs, args, context)?;
     let held_out = args
         .validate
         .iter()
         .map(|path| Ok(args.load.load(path)?.run))
         .collect::<Result<Vec<_>, NodeError>>()?;
     let validation = validate(&mut found, &held_out, context)?;
+    if let Some((report, model)) = inverse.as_mut().zip(found.model.inverse) {
+        report.validation = score_inverse(&model, &found.model, &held_out, &args.conditioning.dataset())?;
+    }
     let file = ModelFile { model: found.model, provenance: provenance(args, &found, &hashes, validation) };
     write_text(&args.out, &file.to_toml()?)?;
     let report = Report {
@@ -218,13 +241,42 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         warnings: &found.warnings,
         estimates: found.parameters.iter().map(Estimate::of).collect(),
         restart_rsse_n: &found.restart_rsse_n,
+        inverse,
     };
     args.output.page(|| Ok(page::html(&pictured(&found.model, &runs, &held_out, &report)?)))?;
     args.output.figures(&report, || table(&report, &args.out))
 }
 
 fn fit(spec: ModelSpec, runs: &[Run], args: &Args, context: &CliContext) -> Result<Identified, NodeError> {
-    let options = Options {
+    let options = options(args)?;
+    watched(context, |watch| identify(spec, runs, &options, watch))
+}
+
+/// Identifies the inverse model that was asked for, and puts it into the model.
+fn fit_inverse(
+    found: &mut Identified,
+    runs: &[Run],
+    args: &Args,
+    context: &CliContext,
+) -> Result<Option<InverseReport>, NodeError> {
+    let Some(kind) = args.inverse.as_deref().and_then(InverseKind::named) else { return Ok(None) };
+    let options = options(args)?;
+    let start = Instant::now();
+    let inverse = watched(context, |watch| identify_inverse(kind, found, runs, &options, watch))?;
+    found.model.inverse = Some(inverse.model);
+    Ok(Some(InverseReport {
+        kind: kind.name(),
+        parameters: inverse.model.parameter_count(),
+        seconds: start.elapsed().as_secs_f64(),
+        training: inverse.training,
+        validation: None,
+        warnings: inverse.warnings,
+    }))
+}
+
+/// The options of the identification.
+fn options(args: &Args) -> Result<Options, NodeError> {
+    Ok(Options {
         conditioning: args.conditioning.conditioning(FilterArg::None, VelocityArg::Backward)?,
         choose_velocity: args.conditioning.velocity.is_none(),
         dataset: args.conditioning.dataset(),
@@ -241,11 +293,18 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, context: &CliContext) -> Resu
         most_rows: None,
         restarts: args.restarts,
         seed: args.seed,
-    };
+    })
+}
+
+/// Runs `work` with a progress display; it ends when interrupted.
+fn watched<T>(
+    context: &CliContext,
+    work: impl FnOnce(&Watch) -> Result<T, mr_damper_model::Error>,
+) -> Result<T, NodeError> {
     let working = Working::new(context.quiet);
     let progress = |progress| working.progress(progress);
     let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
-    identify(spec, runs, &options, &watch).map_err(|error| match error {
+    work(&watch).map_err(|error| match error {
         mr_damper_model::Error::Cancelled => NodeError::Interrupted,
         error => error.into(),
     })
@@ -344,6 +403,7 @@ fn remarks(report: &Report<'_>) -> Vec<String> {
         .into_iter()
         .collect();
     remarks.extend(report.warnings.iter().cloned());
+    remarks.extend(report.inverse.iter().flat_map(inverse_remarks));
     if report.band_calibrated {
         remarks.push("the 90 % band of the estimates is calibrated on the held-out runs".to_owned());
     }
@@ -358,6 +418,21 @@ fn remarks(report: &Report<'_>) -> Vec<String> {
     }
     remarks.extend(bounds.map(|bound| format!("at its bound: {bound} (the runs do not determine it)")));
     remarks
+}
+
+/// The errors of the inverse model, and its warnings.
+fn inverse_remarks(inverse: &InverseReport) -> Vec<String> {
+    let fits = [("training", inverse.training), ("validation", inverse.validation)];
+    let figure = |(what, fit): (&str, Option<CurrentFit>)| {
+        fit.map(|fit| format!("{what} RMSE {:.3} A, NMSE {:.3}", fit.rmse_a, fit.nmse))
+    };
+    let figures: Vec<String> = fits.into_iter().filter_map(figure).collect();
+    let InverseReport { kind, parameters, seconds, .. } = inverse;
+    let line = format!(
+        "inverse model {kind}, {parameters} parameters, {seconds:.1} s: current, {}",
+        figures.join("; ")
+    );
+    std::iter::once(line).chain(inverse.warnings.iter().cloned()).collect()
 }
 
 /// One line on the model and its identification.

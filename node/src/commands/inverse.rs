@@ -42,7 +42,8 @@ pub struct Args {
     /// Time constant of the coil current with lead compensation, s; used for models with the effect coil_lag.
     #[arg(long, value_name = "S", default_value_t = Limits::default().lead_s, allow_negative_numbers = true)]
     pub lead_s: f64,
-    /// How the current is found: search (on the model), polynomial or fuzzy (inverses fitted to the model).
+    /// How the current is found: search (on the model); polynomial or fuzzy (inverses fitted to the model); chen, wang-liao or
+    /// wang-hu (the inverse model in the model file, see `mr-damper identify --inverse`).
     #[arg(long, value_name = "NAME", default_value = Method::Search.name(), value_parser = method)]
     pub method: Method,
     /// Do not track the demand on the rig.

@@ -108,3 +108,72 @@ fn a_model_is_identified_reported_and_evaluated_with_the_same_figures() {
         assert!(!page.contains("NaN") && !page.contains("http"), "{name}");
     }
 }
+
+/// An inverse model is identified with the force model, scored on the held-out runs, and used by `inverse`.
+#[test]
+fn an_inverse_model_is_identified_stored_and_used() {
+    let _turn = turn(module_path!());
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let (fitted, held_out) = (run(dir.path(), "fitted.csv", 1), run(dir.path(), "held_out.csv", 2));
+    let at = |name: &str| dir.path().join(name).display().to_string();
+    let (model, plain) = (at("model.toml"), at("plain.toml"));
+    let line = [
+        "identify",
+        "--model",
+        "fuzzy-tanh",
+        &fitted,
+        "--validate",
+        &held_out,
+        "--restarts",
+        "2",
+        "--json",
+        "-",
+    ];
+    let without = json(&[line.as_slice(), &["--out", &plain]].concat());
+    let with = json(&[line.as_slice(), &["--out", &model, "--inverse", "wang-hu"]].concat());
+    assert!(without.get("inverse").is_none() && without["training"] == with["training"], "{with:#}");
+    let inverse = &with["inverse"];
+    assert_eq!((&inverse["kind"], &inverse["parameters"]), (&"wang-hu".into(), &126.into()));
+    for which in ["training", "validation"] {
+        let fit = &inverse[which];
+        let (rmse_a, nmse) = (fit["rmse_a"].as_f64(), fit["nmse"].as_f64());
+        assert!(rmse_a.is_some_and(|a| a > 0.0) && nmse.is_some_and(|nmse| nmse < 0.8), "{inverse:#}");
+        assert!(fit["samples"].as_u64().is_some_and(|samples| samples > 1500), "{inverse:#}");
+    }
+    let text = std::fs::read_to_string(&model).expect("a model file");
+    assert!(text.contains("[inverse_model]\nkind = \"wang-hu\""), "{text}");
+    let mr_damper = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_mr-damper")).args(arguments).output().expect("it runs");
+        let said = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+        (output.status.code(), said)
+    };
+    let (code, [said, error]) =
+        mr_damper(&["inverse", &model, "--force", &held_out, "--no-rig", "--method", "wang-hu"]);
+    assert!(code == Some(0) && said.contains("currents by the inverse model wang-hu"), "{said} {error}");
+    let (code, [_, error]) = mr_damper(&["inverse", &plain, "--force", &held_out, "--method", "wang-hu"]);
+    assert!(
+        code == Some(1)
+            && error.contains(
+                "no inverse of the fuzzy-tanh model: it has no inverse model wang-hu in its file; identify it with the model: `mr-damper \
+                 identify --inverse wang-hu --model NAME RUN... --out MODEL.toml`, or use search"
+            ),
+        "{error}"
+    );
+    let (code, [said, error]) = mr_damper(&[
+        "identify",
+        "--model",
+        "fuzzy-tanh",
+        &fitted,
+        "--restarts",
+        "1",
+        "--out",
+        &at("table.toml"),
+        "--inverse",
+        "wang-hu",
+    ]);
+    assert!(code == Some(0), "{error}");
+    assert!(
+        said.contains("inverse model wang-hu, 126 parameters") && said.contains("current, training RMSE 0."),
+        "{said}"
+    );
+}

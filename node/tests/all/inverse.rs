@@ -103,8 +103,17 @@ fn impossible_requests_are_refused_with_advice() {
         (&format!("inverse {PRESET} --force motion.csv"), 1, "force_n"),
         (&format!("inverse {PRESET} --force none.csv"), 1, "none.csv"),
         (&format!("inverse {PRESET} --force demand.csv --current-max -2"), 1, "current.max_a is -2"),
+        (
+            &format!("inverse {PRESET} --force demand.csv --method chen"),
+            1,
+            "identify it with the model: `mr-damper identify --inverse chen",
+        ),
         (&format!("inverse {PRESET}"), 2, "--force <RUN>"),
-        (&format!("inverse {PRESET} --force demand.csv --method neural"), 2, "search, polynomial, fuzzy"),
+        (
+            &format!("inverse {PRESET} --force demand.csv --method neural"),
+            2,
+            "search, polynomial, fuzzy, chen, wang-liao, wang-hu",
+        ),
     ] {
         let output = mr_damper(dir.path(), line);
         let said = text(&output.stderr);

@@ -260,6 +260,7 @@ mod tests {
             is_achievable: true,
             dissipative: true,
             limited_by: LimitedBy::None,
+            substituted: false,
         };
         StampedCommand { stamp: known_at, known_at, command }
     }

@@ -32,6 +32,8 @@ pub struct NodeStatus {
     inputs: [Flow; INPUTS.len()],
     estimates: Flow,
     commands: Flow,
+    /// Commands since the last status: all, and those that the search gave in the place of a learned inverse.
+    commanded: [u64; 2],
     estimate: Option<Estimate>,
     looked: Option<Instant>,
     /// Deadlines missed up to the last status.
@@ -61,6 +63,16 @@ pub fn twin_advice(topic: &str) -> String {
     )
 }
 
+/// The sentence for a node in which the search gave `substituted` of `all` currents, if that is more than half.
+fn substituted_advice([all, substituted]: [u64; 2]) -> Option<String> {
+    (2 * substituted > all).then(|| {
+        format!(
+            "the search on the model found {substituted} of {all} currents, because the inverse model of inverse.method lacks past samples: \
+             send displacement without gaps, at the rate of its training (1/sample_period_s of inverse_model in the model file)"
+        )
+    })
+}
+
 /// The sentence for a node that waits for simulated time.
 pub const CLOCK_ADVICE: &str = "use_sim_time is true, but no message arrives on /clock: start the simulation (or `mr-damper replay --clock`), \
      check that it has the domain of this node, or set use_sim_time to false";
@@ -79,7 +91,11 @@ impl NodeStatus {
                 self.estimates.note(at);
                 self.estimate = Some(*estimate);
             }
-            Event::Command(_) => self.commands.note(at),
+            Event::Command(commanded) => {
+                self.commands.note(at);
+                self.commanded[0] += 1;
+                self.commanded[1] += u64::from(commanded.command.substituted);
+            }
             Event::Refusal(refusal) => {
                 let reasons = Refused::ALL.iter().zip(&mut self.refused);
                 reasons.filter(|(why, _)| **why == refusal.why).for_each(|(_, count)| *count += 1);
@@ -103,6 +119,10 @@ impl NodeStatus {
         for what in self.newly_lost(&losses) {
             level = level.max(DiagnosticStatus::WARN);
             message += &what;
+        }
+        if let Some(advice) = substituted_advice(std::mem::take(&mut self.commanded)) {
+            level = level.max(DiagnosticStatus::WARN);
+            message += &format!("; {advice}");
         }
         let (topic, others) = context.estimates;
         if others > 0 {
@@ -263,11 +283,44 @@ mod tests {
     use super::super::{Publishers, context};
     use super::*;
     use crate::estimation::wire::ModelNames;
-    use mr_damper_model::pipeline::{Reasons, Refusal};
+    use mr_damper_model::inverse::{CurrentCommand, Demand, InverseController, Limits};
+    use mr_damper_model::pipeline::{Reasons, Refusal, StampedCommand};
     use mr_damper_model::sample::{Reading, Sample, Stamp};
     use mr_damper_model::units::Metre;
     use std::fmt::Write;
     use std::sync::Arc;
+
+    #[test]
+    fn currents_by_the_search_are_reported_if_they_are_most() {
+        let of = |substituted| {
+            let mut status = NodeStatus::default();
+            for k in 0..10 {
+                let command = CurrentCommand { substituted: k < substituted, ..command() };
+                let stamp = Stamp::from_nanos(k);
+                status.take(
+                    &Event::Command(StampedCommand { stamp, known_at: stamp, command }),
+                    Instant::now(),
+                );
+            }
+            let names = ModelNames::default();
+            let mut look = || {
+                status
+                    .status(Instant::now(), &context(&names), LifecycleState::Active, &Counters::default())
+                    .message
+            };
+            (look(), look())
+        };
+        let says = "the search on the model found 6 of 10 currents";
+        let (first, second) = of(6);
+        assert!(first.contains(says) && !second.contains("the search"), "{first}\n{second}");
+        assert!(!of(5).0.contains("the search"));
+    }
+
+    fn command() -> CurrentCommand {
+        let limits = Limits::default();
+        let mut controller = InverseController::without_inverse(limits).expect("valid limits");
+        controller.idle(Demand::None, 0.0)
+    }
 
     #[test]
     fn statuses_as_text() {

@@ -229,6 +229,7 @@ pub(crate) fn one_of_each() -> Vec<Event> {
                 is_achievable: false,
                 dissipative: true,
                 limited_by: LimitedBy::CurrentMax,
+                substituted: false,
             },
         }),
     ]

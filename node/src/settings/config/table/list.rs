@@ -241,9 +241,9 @@ const COMMAND: [Parameter; 16] = [
     ),
     Parameter {
         name: "inverse.method",
-        kind: ParameterKind::Choice(&["search", "polynomial", "fuzzy"]),
+        kind: ParameterKind::Choice(&["search", "polynomial", "fuzzy", "chen", "wang-liao", "wang-hu"]),
         mutability: Running,
-        doc: "how the current for a demanded force is found: by a search on the model, or by a polynomial or fuzzy inverse that is fitted to the model when it is loaded",
+        doc: "how the current for a demanded force is found: by a search on the model; by a polynomial or fuzzy inverse that is fitted to the model when it is loaded; or by the inverse model chen, wang-liao or wang-hu, if mr-damper identify --inverse has put it into the model file",
         get: |c| Value::Text(c.settings.method.name().to_owned()),
         set: |c, v| {
             if let Value::Text(t) = v {

@@ -94,6 +94,7 @@ pub(super) fn one_of_each() -> Vec<Event> {
                 is_achievable: true,
                 dissipative: true,
                 limited_by: LimitedBy::None,
+                substituted: false,
             },
         }),
     ]
