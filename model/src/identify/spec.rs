@@ -237,6 +237,8 @@ impl ModelSpec {
             (Structure::Law(ForceLaw::Kwok | ForceLaw::Li | ForceLaw::Choi), Form::SemiActive) => {
                 &[Variant::Linear]
             }
+            (Structure::Tsk(TskKind::Ahn), _) => &[Variant::BackPropagation],
+            (Structure::Tsk(TskKind::Evolved), _) => &[Variant::Genetic],
             _ => &[],
         }
     }
