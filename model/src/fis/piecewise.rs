@@ -1,6 +1,6 @@
 //! Triangles and trapezoids of a file, which are zero outside their feet.
 //!
-//! The outermost triangles of a model are shoulders, those of a file are not. Weights are normalised, so the two agree
+//! The outermost triangles are shoulders in a model and ordinary triangles in a file. Weights are normalised, so the two agree
 //! wherever the outermost triangle alone is above zero.
 
 use crate::force::TskSet;

@@ -91,7 +91,7 @@ impl TskKind {
     }
 
     /// True if a model of this kind may have memberships of `shape`: any for ANFIS, and for the others their own.
-    /// [`TskKind::Atray`] also has the Gaussians that model files of earlier versions hold.
+    /// [`TskKind::Atray`] may also have Gaussians, so that model files with them load.
     #[must_use]
     pub fn allows(self, shape: Shape) -> bool {
         match self {

@@ -23,7 +23,7 @@ use rand::RngExt;
 use std::ops::Range;
 use std::sync::atomic::Ordering;
 
-/// Step of the memberships relative to that of the conclusions.
+/// Step of the memberships as a share of the step of the conclusions.
 const MEMBERSHIP_SHARE: f64 = 0.1;
 
 /// Schedule of back-propagation. It visits `epochs` times `rows` rows, so its time is bounded.
