@@ -1,9 +1,9 @@
 """Compares our FIS files with fuzzylite 6.0, an independent reader of them, on a grid of inputs.
 
-usage: fis_peer.py MR_DAMPER FIS_GRID [FUZZYLITE]
+usage: fis_peer.py MR_DAMPER FIS_GRID FIS_FUZZYLITE
 
-MR_DAMPER is the command, FIS_GRID the example `fis_grid` of the model crate, FUZZYLITE the console of fuzzylite (`fuzzylite` of Debian;
-default: fuzzylite). The script
+MR_DAMPER is the command, FIS_GRID the example `fis_grid` of the model crate, FIS_FUZZYLITE the program of fis_fuzzylite.cpp, which says
+how to build it. The script
 
 1. simulates two runs of RP-ICPS of 30 s, and identifies anfis, tsk-324, tsk-555 and tsk-wang-hu with --fis on the first;
 2. converts SHAPES, one system for each shape of MATLAB that the reader knows, to a model file, and back to a FIS file;
@@ -62,10 +62,9 @@ def run(*command):
 
 
 def compare(name, fis, model, fis_grid, fuzzylite, directory):
-    points, out = directory / "grid.txt", directory / "out.fld"
+    points = directory / "grid.txt"
     grid(fis, points)
-    run(fuzzylite, "-i", fis, "-o", out, "-of", "fld", "-d", points, "-decimals", "17", "-dinputs", "false", "-dheader", "false")
-    theirs = [float(line) for line in out.read_text().split()]
+    theirs = [float(line) for line in run(fuzzylite, fis, points).split()]
     ours = [float(line) for line in run(fis_grid, model, points).split()]
     assert len(theirs) == len(ours) == len(points.read_text().splitlines()), name
     # A number that is not finite fails: nan <= LIMIT is false.
@@ -76,8 +75,9 @@ def compare(name, fis, model, fis_grid, fuzzylite, directory):
 
 
 def main():
-    mr_damper, fis_grid = (Path(path).resolve() for path in sys.argv[1:3])
-    fuzzylite = sys.argv[3] if len(sys.argv) > 3 else "fuzzylite"
+    if len(sys.argv) != 4:
+        sys.exit("usage: fis_peer.py MR_DAMPER FIS_GRID FIS_FUZZYLITE")
+    mr_damper, fis_grid, fuzzylite = (Path(path).resolve() for path in sys.argv[1:])
     fine = []
     with tempfile.TemporaryDirectory() as directory:
         directory = Path(directory)
