@@ -44,7 +44,7 @@ pub struct BackPropagation {
 
 impl Default for BackPropagation {
     fn default() -> Self {
-        Self { epochs: 60, batch: 16, rate: 1.0, rows: 16_384, seed: 0 }
+        Self { epochs: 60, batch: 16, rate: 1.0, rows: 8192, seed: 0 }
     }
 }
 
