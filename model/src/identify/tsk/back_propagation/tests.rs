@@ -11,6 +11,9 @@ use std::sync::atomic::AtomicBool;
 
 static GO_ON: AtomicBool = AtomicBool::new(false);
 
+/// One list of the unknowns.
+type Numbers = fn(&mut Unknowns) -> &mut Vec<f64>;
+
 fn uniform(random: &mut Pcg64Mcg, low: f64, high: f64) -> f64 {
     low + (high - low) * random.random::<f64>()
 }
@@ -121,7 +124,7 @@ fn the_gradient_matches_numerical_differences() {
         let batch: Vec<Place> = (0..40).step_by(3).map(|k| (0, k)).chain((0..25).map(|k| (1, k))).collect();
         let inputs = premises.inputs(&at.memberships).expect("in range");
         let found = gradient(&sums, &inputs, &premises.links(&at.memberships), &at, &batch);
-        let difference = |numbers: fn(&mut Unknowns) -> &mut Vec<f64>, k: usize| {
+        let difference = |numbers: Numbers, k: usize| {
             const STEP: f64 = 1e-6;
             let moved = |by: f64| {
                 let mut moved = at.clone();
@@ -130,7 +133,7 @@ fn the_gradient_matches_numerical_differences() {
             };
             (moved(STEP) - moved(-STEP)) / (2.0 * STEP)
         };
-        let parts: [(&str, &[f64], fn(&mut Unknowns) -> &mut Vec<f64>); 3] = [
+        let parts: [(&str, &[f64], Numbers); 3] = [
             ("memberships", &found.memberships, |u| &mut u.memberships),
             ("conclusions", &found.conclusions, |u| &mut u.conclusions),
             ("offsets", &found.offsets, |u| &mut u.offsets),
