@@ -5,8 +5,10 @@
 //! ```
 
 use mr_damper_model::condition::Conditioning;
-use mr_damper_model::force::{Tsk, TskKind};
-use mr_damper_model::identify::{Dataset, DatasetOptions, Learning, TskOptions, Watch, fit_tsk};
+use mr_damper_model::force::{Shape, Tsk, TskKind};
+use mr_damper_model::identify::{
+    Algorithm, Dataset, DatasetOptions, Evolution, Learning, TskOptions, Watch, fit_tsk,
+};
 use mr_damper_model::metrics::{ErrorSum, Fit};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::DriveKind;
@@ -43,6 +45,23 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             tried.push((format!("{}{form}", kind.name()), kind, drive, TskOptions::default()));
         }
     }
+    let plain = TskOptions::default();
+    let genetic = Evolution { algorithm: Algorithm::Genetic, ..plain.evolution };
+    tried.extend([
+        (
+            "tsk-324, Gaussians".to_owned(),
+            TskKind::Atray,
+            true,
+            TskOptions { shape: Some(Shape::Gaussian), ..plain },
+        ),
+        (
+            "tsk-555, back-propagation".to_owned(),
+            TskKind::Ahn,
+            true,
+            TskOptions { learning: Learning::BackPropagation, ..plain },
+        ),
+        ("tsk-evolved, ga".to_owned(), TskKind::Evolved, true, TskOptions { evolution: genetic, ..plain }),
+    ]);
     for (name, kind, with_drive, options) in tried {
         let drive = with_drive.then_some(DriveKind::CoilCurrent);
         let start = Instant::now();

@@ -14,25 +14,47 @@
 //! Name='velocity'
 //! Range=[-3 3]
 //! NumMFs=2
-//! MF1='slow':'gaussmf',[1.5 -3]             gaussmf: sigma, centre; trimf: foot, peak, foot
-//! MF2='fast':'gaussmf',[1.5 3]              linear: a slope for each input, the constant; constant
+//! MF1='slow':'gaussmf',[1.5 -3]             linear: a slope for each input, the constant; constant
+//! MF2='fast':'gaussmf',[1.5 3]
 //! ```
+//!
+//! | membership | numbers | [`TskSet`] |
+//! |---|---|---|
+//! | gaussmf | sigma, centre | `Gaussian` |
+//! | gauss2mf | sigma, centre, sigma, centre | `TwoSidedGaussian` |
+//! | gbellmf | a, b, c of 1 / (1 + abs((u - c)/a)^(2 b)) | `Bell` |
+//! | trimf | foot, peak, foot | `Triangle` or `Trapezoid` |
+//! | trapmf | foot, shoulder, shoulder, foot | `Trapezoid` |
+//!
+//! The formulas depend on the square or absolute value of a width, so a negative width is read as a positive one.
+//! The memberships of one input have one shape; triangles beside trapezoids are read as trapezoids, and Gaussians beside
+//! two-sided ones as two-sided.
 //!
 //! A file that a [`Tsk`] cannot represent is refused: other shapes, operators, weights or connectives, and
 //! rules that do not cover each combination of memberships exactly once. Spaces, blank lines, `%` and `#`
 //! comments, both kinds of quotes, commas or blanks between numbers, and any order of rules are accepted.
 //!
 //! The format has no units and no normalisation, so [`Scaling`] holds them separately. Numbers are written
-//! with as many digits as are needed to read the same number back; MATLAB itself writes 15. The outermost
-//! triangles are shoulders in this crate but fall to zero in MATLAB, so the two differ outside the outermost
-//! peaks.
+//! with as many digits as are needed to read the same number back; MATLAB itself writes 15.
+//!
+//! The outermost triangles of a model are shoulders, but `trimf` falls to zero on both sides. Within the range of an
+//! input, the surface of a file and of its model are equal:
+//!
+//! - `trimf` is read as triangles if both have the same weights in the range, otherwise as trapezoids, which have no
+//!   shoulders.
+//! - Triangles are written as `trimf` on the same condition, otherwise as `trapmf` with shoulders that reach far out.
+//! - A file is refused if none of an input's triangles or trapezoids is above zero in a part of its range: no rule fires
+//!   there, and MATLAB returns the middle of the output's range with a warning.
+//!
+//! Outside the range, a model continues with the rules of [`TskInput::weights`], and MATLAB warns.
 
+mod piecewise;
 mod read;
 #[cfg(test)]
 mod tests;
 
 use crate::error::Error;
-use crate::force::{Order, OutputScale, Signal, Tsk, TskInput, TskKind, TskSet};
+use crate::force::{Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind, TskSet};
 use crate::model::Envelope;
 use crate::sample::DriveKind;
 use std::fmt::Write;
@@ -236,11 +258,14 @@ impl Fis {
             let number = j + 1;
             writeln!(text, "\n[Input{number}]\nName='{}'\n{}", plain(&input.name), range(input.range))?;
             writeln!(text, "NumMFs={}", input.sets.len())?;
-            for (k, set) in input.sets.iter().enumerate() {
-                let (shape, numbers) = match *set {
-                    TskSet::Gaussian { centre, sigma } => ("gaussmf", vec![sigma, centre]),
-                    TskSet::Triangle { left, peak, right } => ("trimf", vec![left, peak, right]),
-                };
+            let triangles = input.sets.iter().any(|set| set.shape() == Shape::Triangle);
+            let sets = if triangles && !piecewise::as_shoulders(&input.sets, input.range) {
+                piecewise::with_shoulders(&input.sets, input.range)
+            } else {
+                input.sets.clone()
+            };
+            for (k, set) in sets.iter().enumerate() {
+                let (shape, numbers) = function_of(set);
                 writeln!(text, "MF{}='in{number}mf{0}':'{shape}',{}", k + 1, list(&numbers))?;
             }
         }
@@ -260,6 +285,21 @@ impl Fis {
             writeln!(text, "{}, {} (1) : 1", sets.join(" "), rule + 1)?;
         }
         Ok(())
+    }
+}
+
+/// Name and numbers of a membership function in a file.
+fn function_of(set: &TskSet) -> (&'static str, Vec<f64>) {
+    match *set {
+        TskSet::Gaussian { centre, sigma } => ("gaussmf", vec![sigma, centre]),
+        TskSet::Triangle { left, peak, right } => ("trimf", vec![left, peak, right]),
+        TskSet::Bell { half_width, exponent, centre } => ("gbellmf", vec![half_width, exponent, centre]),
+        TskSet::Trapezoid { left_foot, left_shoulder, right_shoulder, right_foot } => {
+            ("trapmf", vec![left_foot, left_shoulder, right_shoulder, right_foot])
+        }
+        TskSet::TwoSidedGaussian { left_sigma, left_centre, right_sigma, right_centre } => {
+            ("gauss2mf", vec![left_sigma, left_centre, right_sigma, right_centre])
+        }
     }
 }
 

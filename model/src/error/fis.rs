@@ -97,6 +97,26 @@ pub enum FisProblem {
         /// The known shapes, in words.
         known: &'static str,
     },
+    /// Memberships of one input have different shapes.
+    #[error(
+        "membership '{shape}' differs from the first, '{first}'; use one shape for all memberships of an input"
+    )]
+    MixedMemberships {
+        /// Shape of the membership that differs.
+        shape: String,
+        /// Shape of the first membership.
+        first: String,
+    },
+    /// No membership is above zero in a part of the input's range.
+    #[error(
+        "no membership is above zero between {from} and {to}, so no rule fires there; widen a membership or narrow Range"
+    )]
+    Gap {
+        /// Lower end, in the units of the file.
+        from: f64,
+        /// Upper end.
+        to: f64,
+    },
     /// Conclusions have different forms.
     #[error("conclusion '{form}' differs from the first, '{first}'; use one form for all")]
     MixedConclusions {

@@ -255,6 +255,25 @@ pub enum IdentifyError {
         /// Number of sets.
         sets: usize,
     },
+    /// Memberships of a shape that has no training.
+    #[error(
+        "{model} cannot be trained with {shape} memberships; train gaussian, triangle or bell memberships. A model file or a FIS file \
+         with {shape} memberships runs"
+    )]
+    UntrainedShape {
+        /// Name of the structure.
+        model: &'static str,
+        /// The shape.
+        shape: &'static str,
+    },
+    /// Memberships of a shape that the structure does not have.
+    #[error("{model} has no {shape} memberships; leave the shape out, or identify anfis")]
+    ForeignShape {
+        /// Name of the structure.
+        model: &'static str,
+        /// The shape.
+        shape: &'static str,
+    },
     /// Every start of the search failed.
     #[error("no restart had a finite error; check the runs for extreme values")]
     NoFiniteError,

@@ -101,7 +101,8 @@ pub enum ModelFileError {
     },
     /// An input has keys of two shapes.
     #[error(
-        "model file: parameters contain both {input}_centres and {input}_peaks; an input has either Gaussians or triangles"
+        "model file: the parameters of {input} contain keys of two shapes of memberships; keep those of one, e.g. {input}_centres and \
+         {input}_sigmas for Gaussians"
     )]
     TwoShapes {
         /// Name of the input.

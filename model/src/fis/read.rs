@@ -1,8 +1,8 @@
 //! Line-by-line parser of `.fis` text.
 
-use super::{Fis, FisInput, sets_of};
+use super::{Fis, FisInput, piecewise, sets_of};
 use crate::error::{Error, FisProblem, RuleProblem};
-use crate::force::{MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, TskSet};
+use crate::force::{MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, Shape, TskSet};
 use std::collections::BTreeMap;
 
 /// A value and the line it is on.
@@ -206,24 +206,77 @@ impl Section<'_> {
 }
 
 fn read_input(section: &Section) -> Result<FisInput, Error> {
-    let set = |(line, shape, numbers): (usize, String, Vec<f64>)| match (shape.as_str(), &numbers[..]) {
-        ("gaussmf", &[sigma, centre]) => Ok(TskSet::Gaussian { centre, sigma }),
-        ("trimf", &[left, peak, right]) => Ok(TskSet::Triangle { left, peak, right }),
-        ("gaussmf" | "trimf", _) => {
-            let needed = if shape == "gaussmf" { "2 (sigma, centre)" } else { "3 (foot, peak, foot)" };
-            let (found, needed) = (numbers.len(), needed.to_owned());
-            Err(error(line, FisProblem::NumberCount { shape, found, needed }))
+    let range = section.range()?;
+    let functions = section.functions(MAX_SETS)?;
+    let lines: Vec<usize> = functions.iter().map(|(line, ..)| *line).collect();
+    let shapes: Vec<String> = functions.iter().map(|(_, shape, _)| shape.clone()).collect();
+    let mut sets = functions.into_iter().map(read_set).collect::<Result<Vec<_>, Error>>()?;
+    let has = |shape| sets.iter().any(|set| set.shape() == shape);
+    if has(Shape::Trapezoid) || (has(Shape::Triangle) && !piecewise::as_shoulders(&sets, range)) {
+        sets = sets.into_iter().map(piecewise::without_shoulder).collect();
+    } else if has(Shape::TwoSidedGaussian) {
+        sets = sets.into_iter().map(two_sided).collect();
+    }
+    if let Some(j) = sets.iter().position(|set| set.shape() != sets[0].shape()) {
+        let (shape, first) = (shapes[j].clone(), shapes[0].clone());
+        return Err(error(lines[j], FisProblem::MixedMemberships { shape, first }));
+    }
+    let end = sets.len() - 1;
+    for (j, (set, line)) in sets.iter().zip(&lines).enumerate() {
+        set.check(&format!("MF{}", j + 1), j > 0, j < end).map_err(|why| match why {
+            Error::OutOfRange { name, value, expected } => {
+                wrong_value(*line, &name, &value.to_string(), expected)
+            }
+            other => other,
+        })?;
+    }
+    if let Some([from, to]) = piecewise::gap(&sets, range) {
+        let (line, _) = section.value("Range")?;
+        return Err(error(line, FisProblem::Gap { from, to }));
+    }
+    Ok(FisInput { name: section.text("Name")?, range, sets })
+}
+
+/// A membership from its shape and numbers. The formulas do not depend on the sign of a width.
+fn read_set((line, shape, numbers): (usize, String, Vec<f64>)) -> Result<TskSet, Error> {
+    let needed = match (shape.as_str(), &numbers[..]) {
+        ("gaussmf", &[sigma, centre]) => return Ok(TskSet::Gaussian { centre, sigma: sigma.abs() }),
+        ("trimf", &[left, peak, right]) => return Ok(TskSet::Triangle { left, peak, right }),
+        ("gbellmf", &[half_width, exponent, centre]) => {
+            return Ok(TskSet::Bell { half_width: half_width.abs(), exponent, centre });
         }
+        ("trapmf", &[left_foot, left_shoulder, right_shoulder, right_foot]) => {
+            return Ok(TskSet::Trapezoid { left_foot, left_shoulder, right_shoulder, right_foot });
+        }
+        ("gauss2mf", &[left_sigma, left_centre, right_sigma, right_centre]) => {
+            let (left_sigma, right_sigma) = (left_sigma.abs(), right_sigma.abs());
+            return Ok(TskSet::TwoSidedGaussian { left_sigma, left_centre, right_sigma, right_centre });
+        }
+        ("gaussmf", _) => "2 (sigma, centre)",
+        ("trimf", _) => "3 (foot, peak, foot)",
+        ("gbellmf", _) => "3 (half width, exponent, centre)",
+        ("trapmf", _) => "4 (foot, shoulder, shoulder, foot)",
+        ("gauss2mf", _) => "4 (sigma, centre, sigma, centre)",
         _ => {
-            let (of, known) = ("membership", "gaussmf and trimf");
-            Err(error(line, FisProblem::UnknownShape { of, shape, known }))
+            let (of, known) = ("membership", "gaussmf, gauss2mf, gbellmf, trimf and trapmf");
+            return Err(error(line, FisProblem::UnknownShape { of, shape, known }));
         }
     };
-    Ok(FisInput {
-        name: section.text("Name")?,
-        range: section.range()?,
-        sets: section.functions(MAX_SETS)?.into_iter().map(set).collect::<Result<_, Error>>()?,
-    })
+    let (found, needed) = (numbers.len(), needed.to_owned());
+    Err(error(line, FisProblem::NumberCount { shape, found, needed }))
+}
+
+/// A Gaussian as a two-sided one; other sets stay.
+fn two_sided(set: TskSet) -> TskSet {
+    match set {
+        TskSet::Gaussian { centre, sigma } => TskSet::TwoSidedGaussian {
+            left_sigma: sigma,
+            left_centre: centre,
+            right_sigma: sigma,
+            right_centre: centre,
+        },
+        other => other,
+    }
 }
 
 /// Form of the conclusions, and the numbers of each.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::force::{ForceModel, Inputs};
+use crate::force::{ForceModel, Inputs, MAX_SETS};
 use crate::preset;
 
 fn anfis(name: &str) -> Tsk {
@@ -205,7 +205,23 @@ fn errors_name_the_line() {
         ("[1.5 3]", "[1.5 x]", "line 19: \"x\" is not a finite number"),
         ("[1.5 3]", "[1.5 inf]", "line 19: \"inf\" is not a finite number"),
         ("[1.5 3]", "[1.5 3", "line 19: [1.5 3 is not a list"),
-        ("'fast':'gaussmf'", "'fast':'gbellmf'", "line 19: membership 'gbellmf' is not known"),
+        (
+            "'fast':'gaussmf'",
+            "'fast':'sigmf'",
+            "line 19: membership 'sigmf' is not known; known are gaussmf,",
+        ),
+        ("'fast':'gaussmf'", "'fast':'gbellmf'", "line 19: gbellmf has 2 numbers, but needs 3 (half width"),
+        (
+            "'fast':'gaussmf',[1.5 3]",
+            "'fast':'gbellmf',[1.5 2 3]",
+            "line 19: membership 'gbellmf' differs from",
+        ),
+        ("'gaussmf',[1.5 3]", "'gaussmf',[0 3]", "line 19: MF2.sigma is 0, but must be finite and at least"),
+        (
+            "'gaussmf',[1.5 3]",
+            "'trapmf',[0 1 3]",
+            "line 19: trapmf has 3 numbers, but needs 4 (foot, shoulder",
+        ),
         ("'fast':'gaussmf'", "'fast' 'gaussmf'", "line 19: MF2 is"),
         ("NumMFs=2\nMF1='slow'", "NumMFs=1\nMF1='slow'", "line 19: MF2 is beyond NumMFs = 1"),
         ("'d':'linear'", "'d':'constant'", "line 35: conclusion 'constant' differs from the first, 'linear'"),
@@ -253,7 +269,235 @@ fn scaling_must_have_one_entry_for_each_input() {
     assert!(fis.model(TskKind::Anfis, &short).expect_err("too short").to_string().contains("scaling.inputs"));
 }
 
+/// A system with one input and the memberships `functions`, e.g. `'trimf',[0 1 2]`, whose conclusions are 1, 2, ...
+fn system(range: &str, functions: &[&str]) -> String {
+    let number = |line: &str, k: usize| line.replace('#', &(k + 1).to_string());
+    let all = |line: &str| (0..functions.len()).map(|k| number(line, k)).collect::<Vec<_>>().join("\n");
+    let sets: Vec<String> =
+        functions.iter().enumerate().map(|(k, f)| format!("MF{}='s':{f}", k + 1)).collect();
+    format!(
+        "[System]\nName='s'\nType='sugeno'\nNumInputs=1\nNumOutputs=1\nNumRules={n}\nAndMethod='prod'\nDefuzzMethod='wtaver'\n\
+         [Input1]\nName='velocity'\nRange={range}\nNumMFs={n}\n{}\n[Output1]\nName='force'\nRange=[0 9]\nNumMFs={n}\n{}\n\
+         [Rules]\n{}\n",
+        sets.join("\n"),
+        all("MF#='c':'constant',[#]"),
+        all("#, # (1) : 1"),
+        n = functions.len(),
+    )
+}
+
+/// The force of a system at `u`.
+fn surface(text: &str, u: f64) -> f64 {
+    let scaling = Scaling {
+        inputs: vec![(Signal::Velocity, 0.0, 1.0)],
+        output: OutputScale { mean_n: 0.0, std_dev_n: 1.0 },
+        force_offset_n: 0.0,
+    };
+    let fis = Fis::parse(text).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    let model = fis.model(TskKind::Anfis, &scaling).expect("a model");
+    model.force_n(&Inputs {
+        dt_s: None,
+        displacement_m: f64::NAN,
+        velocity_m_s: u,
+        acceleration_m_s2: f64::NAN,
+        drive: f64::NAN,
+        case_temp_c: f64::NAN,
+    })
+}
+
+/// MATLAB's documented formulas, branch by branch.
+fn matlab(name: &str, p: &[f64], u: f64) -> f64 {
+    let gauss = |sigma: f64, c: f64| (-(u - c) * (u - c) / (2.0 * sigma * sigma)).exp();
+    match (name, p) {
+        ("gaussmf", [sigma, c]) => gauss(*sigma, *c),
+        ("gbellmf", [a, b, c]) => 1.0 / (1.0 + f64::powf(((u - c) / a).abs(), 2.0 * b)),
+        ("gauss2mf", [s1, c1, s2, c2]) => {
+            let left = if u <= *c1 { gauss(*s1, *c1) } else { 1.0 };
+            let right = if u >= *c2 { gauss(*s2, *c2) } else { 1.0 };
+            left * right
+        }
+        ("trimf", [a, b, c]) => match u {
+            u if u == *b => 1.0,
+            u if u <= *a || u >= *c => 0.0,
+            u if u < *b => (u - a) / (b - a),
+            _ => (c - u) / (c - b),
+        },
+        ("trapmf", [a, b, c, d]) => {
+            let rise = if u >= *b {
+                1.0
+            } else if u < *a {
+                0.0
+            } else {
+                (u - a) / (b - a)
+            };
+            let fall = if u <= *c {
+                1.0
+            } else if u > *d {
+                0.0
+            } else {
+                (d - u) / (d - c)
+            };
+            f64::min(rise, fall)
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The weighted average of MATLAB's memberships with the conclusions 1, 2, ...; NaN where no rule fires.
+fn matlab_surface(functions: &[(&str, Vec<f64>)], u: f64) -> f64 {
+    let g: Vec<f64> = functions.iter().map(|(name, p)| matlab(name, p, u)).collect();
+    g.iter().zip(1..).map(|(g, k)| g * f64::from(k)).sum::<f64>() / g.iter().sum::<f64>()
+}
+
+#[test]
+fn surfaces_are_those_of_matlab_within_the_range() {
+    let cases: [(&str, &[&str]); 14] = [
+        ("[-3 3]", &["'gaussmf',[-0.9 -1]", "'gaussmf',[1.3 1]"]),
+        ("[-3 3]", &["'gbellmf',[1 2 -2]", "'gbellmf',[-1.5 0.7 0]", "'gbellmf',[1 4.5 2]"]),
+        // c1 < c2 is a plateau, c1 > c2 a maximum below one, c1 = c2 a Gaussian with two widths.
+        ("[-3 3]", &["'gauss2mf',[0.5 -2 0.8 -1]", "'gauss2mf',[0.7 1 0.4 0]", "'gauss2mf',[1 2 0.3 2]"]),
+        ("[-3 3]", &["'gaussmf',[0.8 -1]", "'gauss2mf',[0.7 1 0.4 0]"]),
+        // The outer triangles are shoulders within the range: their peaks are its ends.
+        ("[-1 1]", &["'trimf',[-2 -1 0]", "'trimf',[-1 0 1]", "'trimf',[0 1 2]"]),
+        ("[-1 1]", &["'trimf',[-1 -1 0]", "'trimf',[-1 0 1]", "'trimf',[0 1 1]"]),
+        // They fall within the range, but alone.
+        ("[-1 1]", &["'trimf',[-1 -0.5 0.5]", "'trimf',[-0.5 0.5 1]"]),
+        // They fall within the range beside another triangle: a shoulder would have other weights.
+        ("[-1 1]", &["'trimf',[-1.5 -0.5 0.5]", "'trimf',[-1.2 0.5 1.5]"]),
+        ("[-1 1]", &["'trimf',[-1.5 0 1.5]", "'trimf',[-1.4 0.2 1.1]", "'trimf',[-1.1 0.4 1.2]"]),
+        // Peaks in decreasing order, and vertical sides.
+        ("[0 2]", &["'trimf',[1 1 2]", "'trimf',[0 0.5 1]", "'trimf',[0.2 0.2 1.4]"]),
+        ("[-2 2]", &["'trapmf',[-3 -2 -1 0]", "'trapmf',[-1 0 0 1]", "'trapmf',[0 1 2 3]"]),
+        ("[-2 2]", &["'trapmf',[-2 -2 0 0]", "'trapmf',[-0.5 -0.5 2 2]"]),
+        // c < b: the sides cross below one.
+        ("[-2 2]", &["'trapmf',[-3 0 -1 1]", "'trapmf',[-1 2 1 3]"]),
+        ("[-2 2]", &["'trapmf',[-3 -2 -1 0]", "'trimf',[-1.5 0 1.5]", "'trapmf',[0 1 2 3]"]),
+    ];
+    for (range, functions) in cases {
+        let parsed: Vec<(&str, Vec<f64>)> = functions
+            .iter()
+            .map(|f| {
+                let (name, list) = f.split_once(',').expect("a name and a list");
+                let list = list.trim_matches(['[', ']']).split(' ');
+                (name.trim_matches('\''), list.map(|n| n.parse().expect("a number")).collect())
+            })
+            .collect();
+        let text = system(range, functions);
+        let fis = Fis::parse(&text).expect("reads");
+        let again = fis.to_text();
+        assert_eq!(Fis::parse(&again).expect("reads what it wrote"), fis);
+        let [low, high] = fis.inputs[0].range;
+        for k in 0..=400 {
+            let u = low + (high - low) * f64::from(k) / 400.0;
+            let expected = matlab_surface(&parsed, u);
+            if expected.is_nan() {
+                // No rule fires at a foot that two triangles share, which is a single point.
+                continue;
+            }
+            for text in [&text, &again] {
+                let found = surface(text, u);
+                assert!((found - expected).abs() < 1e-12, "{functions:?} at {u}: {found} {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn triangles_of_a_file_are_shoulders_only_where_that_changes_nothing() {
+    let shape = |range: &str, functions: &[&str]| {
+        Fis::parse(&system(range, functions)).expect("reads").inputs[0].sets[0].shape()
+    };
+    let overlapping = ["'trimf',[-1.5 -0.5 0.5]", "'trimf',[-1.2 0.5 1.5]"];
+    assert_eq!(shape("[-0.5 0.5]", &overlapping), Shape::Triangle);
+    assert_eq!(shape("[-1 0.5]", &overlapping), Shape::Trapezoid);
+    // The same numbers as trapezoids fall on both sides, so no conversion changes the surface in silence.
+    let g = [0.5, 0.2 / 1.7];
+    let expected = (g[0] + 2.0 * g[1]) / (g[0] + g[1]);
+    assert!((surface(&system("[-1 0.5]", &overlapping), -1.0) - expected).abs() < 1e-14);
+}
+
+#[test]
+fn a_range_in_which_no_membership_fires_is_refused_with_its_line() {
+    for (range, functions, expected) in [
+        ("[-2 1]", &["'trimf',[-1.5 -0.5 0.5]", "'trimf',[-0.5 0.5 1.5]"][..], "between -2 and -1.5"),
+        ("[-1 2]", &["'trimf',[-1.5 -0.5 0.5]", "'trimf',[-0.5 0.5 1.5]"], "between 1.5 and 2"),
+        ("[-1 1]", &["'trimf',[-2 -1 -0.5]", "'trimf',[0.25 1 2]"], "between -0.5 and 0.25"),
+        ("[-1 1]", &["'trapmf',[0 1 2 3]"], "between -1 and 0"),
+    ] {
+        let message = error_of(&system(range, functions));
+        assert!(
+            message.contains("line 11: no membership is above zero") && message.contains(expected),
+            "{message}"
+        );
+    }
+    let message = error_of(&system("[0 1]", &["'trapmf',[0 -1 1 2]"]));
+    assert!(
+        message.contains("line 13: MF1.left_shoulder is -1, but must be at least the left foot"),
+        "{message}"
+    );
+    let message = error_of(&system("[0 1]", &["'trimf',[2 1 0]"]));
+    assert!(message.contains("line 13: MF1."), "{message}");
+    let message = error_of(&system("[0 1]", &["'gbellmf',[1 -2 0]"]));
+    assert!(message.contains("line 13: MF1.exponent is -2, but must be above 0"), "{message}");
+}
+
+#[test]
+fn triangles_that_are_shoulders_within_the_range_are_written_as_trapezoids() {
+    // The second triangle reaches below the first peak, where the first is a shoulder of the model.
+    let sets = [(-2.0, -1.0, 0.5), (-1.5, 0.0, 1.0), (-0.5, 1.0, 2.0)]
+        .map(|(left, peak, right)| TskSet::Triangle { left, peak, right });
+    let input = TskInput::new(Signal::Velocity, 0.0, 1.0, &sets).expect("an input");
+    let output = OutputScale { mean_n: 0.0, std_dev_n: 1.0 };
+    let model =
+        Tsk::new(TskKind::Anfis, &[input], Order::Constant, &[1.0, 2.0, 3.0], output, 0.0).expect("a model");
+    let envelope = Envelope { velocity_m_s: Some([-3.0, 3.0]), ..Envelope::default() };
+    let fis = Fis::of(&model, "x").with_ranges(&envelope, &Scaling::of(&model));
+    let text = fis.to_text();
+    assert!(text.contains("'trapmf',[-1000000.0 -1000000.0 -1.0 0.5]"), "{text}");
+    for k in 0..=600 {
+        let u = -3.0 + f64::from(k) / 100.0;
+        let weights = input.weights(u);
+        let expected = weights[0] + 2.0 * weights[1] + 3.0 * weights[2];
+        assert!((surface(&text, u) - expected).abs() < 1e-12, "{u}");
+    }
+}
+
+/// Any finite number that is not subnormal.
+fn number() -> impl proptest::strategy::Strategy<Value = f64> {
+    use proptest::strategy::Strategy;
+    (proptest::num::f64::NORMAL | proptest::num::f64::ZERO).prop_map(|x| if x == 0.0 { 0.0 } else { x })
+}
+
 proptest::proptest! {
+    #[test]
+    fn a_system_of_bells_is_bit_identical_after_write_and_read(
+        sets in proptest::collection::vec((1e-6_f64..1e300, 1e-300_f64..1e6, number()), 1..=MAX_SETS),
+        other in proptest::collection::vec((1e-6_f64..1e3, number(), 1e-6_f64..1e3, number()), 1..=3),
+        numbers in proptest::collection::vec(number(), MAX_SETS * 9),
+        first in proptest::bool::ANY,
+    ) {
+        let bell = |&(half_width, exponent, centre): &(f64, f64, f64)| TskSet::Bell { half_width, exponent, centre };
+        let two = |&(left_sigma, left_centre, right_sigma, right_centre): &(f64, f64, f64, f64)| {
+            TskSet::TwoSidedGaussian { left_sigma, left_centre, right_sigma, right_centre }
+        };
+        let bells: Vec<TskSet> = sets.iter().map(bell).collect();
+        let two_sided: Vec<TskSet> = other.iter().map(two).collect();
+        let inputs = [
+            TskInput::new(Signal::Velocity, 0.1, 0.3, &bells).expect("an input"),
+            TskInput::new(Signal::Displacement, 0.0, 1.0, &two_sided).expect("an input"),
+        ];
+        let order = if first { Order::First } else { Order::Constant };
+        let needed = bells.len() * two_sided.len() * order.width(2);
+        let output = OutputScale { mean_n: 0.0, std_dev_n: 300.0 };
+        let model = Tsk::new(TskKind::Anfis, &inputs, order, &numbers[..needed], output, 0.0).expect("a model");
+        let fis = Fis::of(&model, "bells");
+        // A range spans all centres, which may be farther apart than the largest number.
+        proptest::prop_assume!(fis.inputs.iter().all(|input| input.range.iter().all(|end| end.is_finite())));
+        let read = Fis::parse(&fis.to_text()).expect("reads what it wrote");
+        proptest::prop_assert_eq!(&read, &fis);
+        proptest::prop_assert_eq!(read.model(TskKind::Anfis, &Scaling::of(&model)).expect("a model"), model);
+    }
+
     #[test]
     fn no_text_panics(
         text in "(\\[(System|Input1|Output1|Rules)\\]|[A-Za-z]{1,9}=?|'[a-z:]*'|[\\[\\](),:%# 0-9.\\n-]{1,6}){0,40}",

@@ -9,7 +9,7 @@
 //! | symbol | field | unit | meaning |
 //! |---|---|---|---|
 //! | u | `TskInput` | - | normalised input: displacement, velocity, acceleration or drive |
-//! | g | `TskSet` | - | memberships of an input; [`TskInput::weights`] defines the weights outside them |
+//! | g | [`TskSet`] | - | memberships of an input; [`TskInput::weights`] defines the weights outside them |
 //! | p, q, r, s | conclusions | - | of each rule; the first input's set varies slowest, the last input's set fastest |
 //! | mean, std_dev | `OutputScale` | N | undo the normalisation of the force |
 //! | F0 | `force_offset_n` | N | mean force of the session (gas preload, load cell zero) |
@@ -21,13 +21,16 @@
 //! See `[takagi1985]` and `[jang1993]` in the bibliography (node/docs/guide/bibliography.md), equations 2.9 to 2.11 of the thesis.
 
 mod kind;
+mod set;
 mod sets;
 #[cfg(test)]
 mod tests;
 
 pub use kind::TskKind;
-pub use sets::{MAX_SETS, Shape, TskInput, TskSet};
+pub use set::{Shape, TskSet};
+pub use sets::{MAX_SETS, TskInput};
 
+pub(crate) use set::NUMBERS;
 pub(crate) use sets::Firing;
 
 use super::Inputs;
@@ -159,9 +162,8 @@ pub struct Tsk {
 /// Derivatives of the force with respect to all parameters of a model, at one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TskGradient {
-    /// With respect to the numbers of set j of input i, N: centre and sigma (and an unused third), or left foot, peak
-    /// and right foot.
-    pub(crate) sets: [[[f64; 3]; MAX_SETS]; MAX_INPUTS],
+    /// With respect to the numbers of set j of input i, N, in the order of the fields of [`TskSet`], then zeros.
+    pub(crate) sets: [[[f64; NUMBERS]; MAX_SETS]; MAX_INPUTS],
     /// With respect to the conclusions, N, in the order of [`Tsk::conclusions`].
     pub(crate) conclusions: [f64; MAX_CONCLUSIONS],
 }
@@ -278,16 +280,13 @@ impl Tsk {
         self.inputs().iter().map(TskInput::len).product()
     }
 
-    /// Number of conclusions, plus two numbers per Gaussian or three per triangle, as the literature counts.
+    /// Number of conclusions plus the numbers of all memberships (two per Gaussian, three per triangle or bell, four
+    /// otherwise), as the literature counts.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
         let (mut count, mut j) = (self.len, 0);
         while j < self.input_count {
-            let numbers = match self.inputs[j].shape() {
-                Shape::Gaussian => 2,
-                Shape::Triangle => 3,
-            };
-            count += numbers * self.inputs[j].len();
+            count += self.inputs[j].shape().width() * self.inputs[j].len();
             j += 1;
         }
         count
@@ -378,8 +377,10 @@ impl Tsk {
             firing[j] = input.fire(u[j]);
         }
         let scale = self.output.std_dev_n;
-        let mut gradient =
-            TskGradient { sets: [[[0.0; 3]; MAX_SETS]; MAX_INPUTS], conclusions: [0.0; MAX_CONCLUSIONS] };
+        let mut gradient = TskGradient {
+            sets: [[[0.0; NUMBERS]; MAX_SETS]; MAX_INPUTS],
+            conclusions: [0.0; MAX_CONCLUSIONS],
+        };
         let width = self.order.width(self.input_count);
         let mut under = [[0.0; MAX_SETS]; MAX_INPUTS];
         let mut output = 0.0;
@@ -427,7 +428,7 @@ fn check_structure(kind: TskKind, inputs: &[TskInput], order: Order) -> Result<(
         return Ok(());
     }
     let found: Vec<(Signal, usize)> = inputs.iter().map(|input| (input.signal(), input.len())).collect();
-    let shaped = inputs.iter().all(|input| input.shape() == kind.shape());
+    let shaped = inputs.iter().all(|input| kind.allows(input.shape()));
     if found == kind.structure(drive_of(inputs)) && shaped && order == kind.order() {
         return Ok(());
     }

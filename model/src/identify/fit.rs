@@ -165,7 +165,8 @@ impl Job<'_> {
     }
 
     fn tsk(&self, kind: TskKind) -> Result<Fitted, Error> {
-        let found = fit_tsk(self.datasets, kind, self.drive, &TskOptions::of(self.options), self.watch)?;
+        let options = TskOptions::of(self.options, self.spec.variant());
+        let found = fit_tsk(self.datasets, kind, self.drive, &options, self.watch)?;
         let details = Details { converged: found.converged, ..Details::default() };
         Ok((ForceModel::Tsk(found.model), found.offsets_n, details))
     }

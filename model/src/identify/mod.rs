@@ -81,7 +81,7 @@ pub(crate) use scales::Scales;
 pub(crate) use score::check as check_runs;
 pub use score::{Predicted, Scores, persistence, score, sum_of_free_run, walk};
 pub use spec::{ModelSpec, Structure, Variant};
-pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
+pub use tsk::{Algorithm, BackPropagation, Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;
 pub use watch::{Progress, Watch};
 

@@ -243,6 +243,8 @@ impl ModelSpec {
             (Structure::Law(ForceLaw::Kwok), Form::Passive) => &[Variant::Swarm],
             (Structure::Law(ForceLaw::Kwok), Form::SemiActive) => &[Variant::Linear, Variant::Swarm],
             (Structure::Law(ForceLaw::Li | ForceLaw::Choi), Form::SemiActive) => &[Variant::Linear],
+            (Structure::Tsk(TskKind::Ahn), _) => &[Variant::BackPropagation],
+            (Structure::Tsk(TskKind::Evolved), _) => &[Variant::Genetic],
             _ => &[],
         }
     }

@@ -25,21 +25,25 @@
 //! conclusion. On a virtual damper this lowers the NMSE of new runs by a third, and the model is linear far
 //! from the data. As the error vanishes, so does the regularisation.
 //!
-//! Centres stay within half a spacing of the uniform grid and widths within a factor of two, so that sets
-//! keep their order and meaning; wider bounds fit the training rows hardly better, and other rows worse. The
+//! Centres stay within half a spacing of the uniform grid, and widths and the exponents of bells within a factor of
+//! two, so that sets keep their order and meaning; wider bounds fit the training rows hardly better, and other rows worse. The
 //! offset of each run is eliminated by removing its means. A low-pass on the output is omitted for model and
 //! measurement alike, which hardly moves the minimum.
 //!
 //! Source: `[jang1993]`, `[golub1973]` and `[kaufman1975]` in the bibliography (node/docs/guide/bibliography.md).
 
+mod back_propagation;
 mod evolve;
+mod genetic;
 mod premises;
 mod sums;
 
-pub use evolve::Evolution;
+pub use back_propagation::BackPropagation;
+pub use evolve::{Algorithm, Evolution};
 
 use super::dataset::{Dataset, Row};
 use super::least_squares::{Normal, Problem, Stop, minimise};
+use super::spec::Variant;
 use super::{Options, Progress, Watch};
 use crate::condition::ApplyTo;
 use crate::error::{Error, IdentifyError};
@@ -48,7 +52,7 @@ use crate::metrics::ErrorSum;
 use crate::sample::DriveKind;
 use crate::statistics::range;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use premises::{Axis, Premises};
+use premises::{Axis, Premises, Trained};
 use std::cell::{Cell, RefCell};
 use sums::{Linear, Rows, Sums};
 
@@ -75,30 +79,63 @@ pub enum Learning {
     GaussNewton,
     /// Jang's rule: steps along the negative gradient, with an adaptive step length.
     Gradient,
+    /// Gradient descent on memberships and conclusions together, without least squares.
+    BackPropagation,
 }
 
 /// Settings of [`fit_tsk`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TskOptions {
-    /// Largest number of epochs; at least one is run.
+    /// Largest number of epochs of hybrid learning; at least one is run.
     pub epochs: usize,
+    /// Shape of the memberships; `None` for [`TskKind::shape`].
+    pub shape: Option<Shape>,
     /// How memberships are learned, except for [`TskKind::Evolved`].
     pub learning: Learning,
     /// Evolution of the memberships of [`TskKind::Evolved`].
     pub evolution: Evolution,
+    /// Schedule of [`Learning::BackPropagation`].
+    pub back_propagation: BackPropagation,
 }
 
 impl Default for TskOptions {
     fn default() -> Self {
-        Self { epochs: 50, learning: Learning::default(), evolution: Evolution::default() }
+        Self {
+            epochs: 50,
+            shape: None,
+            learning: Learning::default(),
+            evolution: Evolution::default(),
+            back_propagation: BackPropagation::default(),
+        }
     }
 }
 
 impl TskOptions {
-    /// The settings from the `options` of an identification.
-    pub(super) fn of(options: &Options) -> Self {
-        let evolution = Evolution { seed: options.seed, ..Evolution::default() };
-        Self { evolution, ..Self::default() }
+    /// The settings from the `options` of an identification, for a variant of the model.
+    pub(super) fn of(options: &Options, variant: Option<Variant>) -> Self {
+        let algorithm = match variant {
+            Some(Variant::Genetic) => Algorithm::Genetic,
+            _ => Algorithm::Differential,
+        };
+        let learning = match variant {
+            Some(Variant::BackPropagation) => Learning::BackPropagation,
+            _ => Learning::default(),
+        };
+        Self {
+            learning,
+            evolution: Evolution { algorithm, seed: options.seed, ..Evolution::default() },
+            back_propagation: BackPropagation { seed: options.seed, ..BackPropagation::default() },
+            ..Self::default()
+        }
+    }
+
+    /// The shape of the memberships of a model of `kind`.
+    fn trained(&self, kind: TskKind) -> Result<Trained, Error> {
+        let shape = self.shape.unwrap_or(kind.shape());
+        if !kind.allows(shape) {
+            return Err(IdentifyError::ForeignShape { model: kind.name(), shape: shape.name() }.into());
+        }
+        Trained::of(shape, kind.name())
     }
 }
 
@@ -110,9 +147,10 @@ pub struct FittedTsk {
     /// Offset of each run, N.
     pub offsets_n: Vec<f64>,
     /// RMSE after each epoch, N. The first is the error of the uniform grid; a reverted epoch repeats the
-    /// previous value. For an evolution: after each generation, on its sample of the rows.
+    /// previous value. For an evolution: after each generation, on its sample of the rows. For back-propagation: the
+    /// lowest so far, on its sample of the rows.
     pub epoch_rsse_n: Vec<f64>,
-    /// False if the epochs ran out before the error stalled.
+    /// False if the epochs of hybrid learning ran out before the error stalled.
     pub converged: bool,
 }
 
@@ -122,13 +160,13 @@ pub struct FittedTsk {
 /// ```
 /// use mr_damper_model::condition::Conditioning;
 /// use mr_damper_model::force::TskKind;
-/// use mr_damper_model::identify::{Dataset, DatasetOptions, Evolution, Learning, TskOptions, Watch, fit_tsk};
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, Learning, TskOptions, Watch, fit_tsk};
 /// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 ///
 /// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(8.0);
 /// let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
 /// let data = [Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default())?];
-/// let options = TskOptions { epochs: 5, learning: Learning::Gradient, evolution: Evolution::default() };
+/// let options = TskOptions { epochs: 5, learning: Learning::Gradient, ..TskOptions::default() };
 /// let found = fit_tsk(&data, TskKind::Anfis, data[0].drive, &options, &Watch::none())?;
 /// // Learning moves the memberships, and the error never rises.
 /// let errors_n = &found.epoch_rsse_n;
@@ -137,7 +175,8 @@ pub struct FittedTsk {
 /// ```
 ///
 /// # Errors
-/// [`Error::Identify`] for too few rows or a constant channel; [`Error::Cancelled`].
+/// [`Error::Identify`] for too few rows, a constant channel, or a shape that the model does not have or that is not
+/// trained; [`Error::Cancelled`].
 pub fn fit_tsk(
     datasets: &[Dataset],
     kind: TskKind,
@@ -145,9 +184,12 @@ pub fn fit_tsk(
     options: &TskOptions,
     watch: &Watch,
 ) -> Result<FittedTsk, Error> {
-    let data = Data::new(datasets, kind, drive, watch)?;
-    let premises = &data.premises;
-    let ridge = data.ridge(data.power(&premises.start(), LEAST_RIDGE)?);
+    let mut data = Data::new(datasets, kind, options.trained(kind)?, drive, watch)?;
+    if kind != TskKind::Evolved && options.learning == Learning::BackPropagation {
+        return back_propagation::fit(&data, kind, &options.back_propagation, watch);
+    }
+    data.take_out_linear();
+    let ridge = data.ridge(data.power(&data.premises.start(), LEAST_RIDGE)?);
     let mut learner = Learner {
         data: &data,
         ridge,
@@ -161,12 +203,11 @@ pub fn fit_tsk(
             let errors = &mut learner.errors.borrow_mut();
             (evolve::evolve(&data, ridge, &options.evolution, watch, errors)?, true)
         }
-        (_, Learning::GaussNewton) => learner.learn()?,
         (_, Learning::Gradient) => learner.descend().ok_or(Error::Cancelled)?,
+        (_, Learning::GaussNewton | Learning::BackPropagation) => learner.learn()?,
     };
-    let rows = data.sums.rows() as f64;
     let errors = learner.errors.into_inner();
-    let epoch_rsse_n = errors.iter().map(|error| data.scale_n * (error / rows).sqrt()).collect();
+    let epoch_rsse_n = data.rsse_n(&errors);
     let (model, offsets_n) = data.model(kind, &parameters, learner.ridge)?;
     Ok(FittedTsk { model, offsets_n, epoch_rsse_n, converged })
 }
@@ -179,7 +220,8 @@ pub(super) fn grid_esr(
     drive: Option<DriveKind>,
     watch: &Watch,
 ) -> Result<f64, Error> {
-    let data = Data::new(datasets, kind, drive, watch)?;
+    let mut data = Data::new(datasets, kind, Trained::of(kind.shape(), kind.name())?, drive, watch)?;
+    data.take_out_linear();
     let start = data.premises.start();
     let (model, _) = data.model(kind, &start, data.ridge(data.power(&start, LEAST_RIDGE)?))?;
     let structure = kind.structure(drive);
@@ -220,13 +262,14 @@ impl<'a> Data<'a> {
     fn new(
         datasets: &[Dataset],
         kind: TskKind,
+        shape: Trained,
         drive: Option<DriveKind>,
         watch: &'a Watch,
     ) -> Result<Self, Error> {
         let structure = kind.structure(drive);
         let columns: Vec<Columns> = datasets.iter().map(|d| Columns::of(d, &structure)).collect();
         let found = columns.iter().map(|c| c.force_n.len()).sum();
-        check_size(kind, &structure, found)?;
+        check_size(kind, shape, &structure, found)?;
         let mut axes = Vec::with_capacity(structure.len());
         for (j, (signal, sets)) in structure.iter().enumerate() {
             let (mean, std_dev, range) =
@@ -241,18 +284,18 @@ impl<'a> Data<'a> {
             .map(|(c, mean)| c.force_n.iter().map(|f| f - mean).collect())
             .collect();
         let (_, scale_n, _) = moments(about.iter().map(Vec::as_slice), "force_n")?;
-        let premises = Premises { axes, shape: kind.shape() };
+        let premises = Premises { axes, shape };
 
         let mut counts = [1; MAX_INPUTS];
         counts.iter_mut().zip(&structure).for_each(|(count, (_, sets))| *count = *sets);
         let runs: Vec<Rows> =
             columns.iter().zip(&about).map(|(c, f)| c.rows(&premises, f, scale_n)).collect();
-        let mut data = Self {
+        Ok(Self {
             sums: Sums {
                 runs,
                 counts,
                 width: kind.order().width(structure.len()),
-                sparse: sums::is_sparse(kind.shape()),
+                sparse: shape.is_sparse(),
                 parallel: true,
                 cancel: watch.flag(),
             },
@@ -263,16 +306,20 @@ impl<'a> Data<'a> {
             linear_means: vec![0.0; datasets.len()],
             counted: columns.iter().map(|c| c.force_n.len() as f64).collect(),
             premises,
-        };
-        data.take_out_linear();
-        Ok(data)
+        })
+    }
+
+    /// RMSE, N, for each sum of squared errors over all rows.
+    fn rsse_n(&self, errors: &[f64]) -> Vec<f64> {
+        let rows = self.sums.rows() as f64;
+        errors.iter().map(|error| self.scale_n * (error / rows).sqrt()).collect()
     }
 
     /// Fits the linear function of the inputs and subtracts it from the targets. Conclusions that no row
     /// determines then equal that function.
     fn take_out_linear(&mut self) {
-        if self.order == Order::Constant && self.premises.shape == Shape::Gaussian {
-            // Constant conclusions under Gaussians cannot represent a linear function.
+        if self.order == Order::Constant && self.premises.shape != Trained::Triangle {
+            // Constant conclusions under curved memberships cannot represent a linear function.
             return;
         }
         let inputs = self.premises.axes.len();
@@ -343,10 +390,25 @@ impl<'a> Data<'a> {
     fn model(&self, kind: TskKind, parameters: &[f64], ridge: f64) -> Result<(Tsk, Vec<f64>), Error> {
         let inputs = self.premises.inputs(parameters)?;
         let solved = self.solve(&self.sums, &inputs, ridge).ok_or(Error::Cancelled)?;
+        let mean =
+            |(run, sums): (usize, &DVector<f64>)| sums.dot(&solved.conclusions) / self.counted[run].max(1.0);
+        let rule_means: Vec<f64> = solved.linear.run_sums.iter().enumerate().map(mean).collect();
+        self.assemble(kind, &inputs, solved.conclusions.as_slice(), &rule_means)
+    }
+
+    /// The model with these memberships and conclusions, which are ordered by coefficient, and the runs' offsets in
+    /// newtons. `rule_means` holds the mean output of the rules over each run.
+    fn assemble(
+        &self,
+        kind: TskKind,
+        inputs: &[TskInput],
+        found: &[f64],
+        rule_means: &[f64],
+    ) -> Result<(Tsk, Vec<f64>), Error> {
         let rules = self.sums.rules();
         let mut conclusions = Vec::with_capacity(self.sums.len());
         for rule in 0..rules {
-            let own = |a: usize| solved.conclusions[a * rules + rule];
+            let own = |a: usize| found[a * rules + rule];
             match self.order {
                 Order::First => {
                     let slopes = self.slopes.iter().enumerate().take(self.sums.width - 1);
@@ -354,18 +416,17 @@ impl<'a> Data<'a> {
                     conclusions.push(own(self.sums.width - 1));
                 }
                 // Triangles interpolate, so constants at the peaks reproduce the linear function.
-                Order::Constant => conclusions.push(own(0) + self.linear_at_peaks(&inputs, rule)),
+                Order::Constant => conclusions.push(own(0) + self.linear_at_peaks(inputs, rule)),
             }
         }
-        let mut offsets_n = Vec::with_capacity(self.counted.len());
-        for (run, sums) in solved.linear.run_sums.iter().enumerate() {
-            let rules_mean = sums.dot(&solved.conclusions) / self.counted[run].max(1.0);
-            offsets_n.push(self.scale_n * (self.force_means[run] - self.linear_means[run] - rules_mean));
-        }
+        let offset_n = |(run, mean): (usize, &f64)| {
+            self.scale_n * (self.force_means[run] - self.linear_means[run] - mean)
+        };
+        let offsets_n: Vec<f64> = rule_means.iter().enumerate().map(offset_n).collect();
         let total: f64 = self.counted.iter().sum();
         let offset_n = offsets_n.iter().zip(&self.counted).map(|(o, n)| o * n).sum::<f64>() / total;
         let output = OutputScale { mean_n: 0.0, std_dev_n: self.scale_n };
-        let model = Tsk::new(kind, &inputs, self.order, &conclusions, output, offset_n)?;
+        let model = Tsk::new(kind, inputs, self.order, &conclusions, output, offset_n)?;
         Ok((model, offsets_n))
     }
 
@@ -379,9 +440,15 @@ impl<'a> Data<'a> {
 }
 
 /// Refuses too few rows.
-fn check_size(kind: TskKind, structure: &[(Signal, usize)], found: usize) -> Result<(), Error> {
+fn check_size(
+    kind: TskKind,
+    shape: Trained,
+    structure: &[(Signal, usize)],
+    found: usize,
+) -> Result<(), Error> {
     let rules: usize = structure.iter().map(|(_, sets)| sets).product();
-    let memberships: usize = structure.iter().map(|(_, sets)| 2 * sets).sum();
+    let numbers = if shape == Trained::Bell { 3 } else { 2 };
+    let memberships: usize = structure.iter().map(|(_, sets)| numbers * sets).sum();
     let parameters = rules * kind.order().width(structure.len()) + memberships;
     let needed = ROWS_PER_PARAMETER * parameters;
     if found >= needed {

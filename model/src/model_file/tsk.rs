@@ -5,17 +5,26 @@
 //! order = "first"                      # or "constant"
 //! displacement_mean_m = 0.0            # for each input: its normalisation, in its unit,
 //! displacement_std_dev_m = 0.004
-//! displacement_centres = [-3, 0, 3]    # and its Gaussians, or triangles as
-//! displacement_sigmas = [1, 1, 1]      # _left_feet, _peaks and _right_feet
+//! displacement_centres = [-3, 0, 3]    # and its Gaussians, or another shape of the table
+//! displacement_sigmas = [1, 1, 1]
 //! conclusions = [[0.1, 0.2, 0.3, 0.4]] # rule by rule, the last input's sets fastest; normalised
 //! force_mean_n = 0.0
 //! force_std_dev_n = 400.0
 //! force_offset_n = 0.0
 //! ```
+//!
+//! | shape | keys |
+//! |---|---|
+//! | Gaussians | `_centres`, `_sigmas` |
+//! | generalised bells | `_half_widths`, `_exponents`, `_centres` |
+//! | triangles | `_left_feet`, `_peaks`, `_right_feet` |
+//! | trapezoids | `_left_feet`, `_left_shoulders`, `_right_shoulders`, `_right_feet` |
+//! | two-sided Gaussians | `_left_sigmas`, `_left_centres`, `_right_sigmas`, `_right_centres` |
 
 use super::law::Value;
 use super::{drive_error, missing, table_into};
 use crate::error::{Error, ModelFileError};
+use crate::force::tsk::NUMBERS;
 use crate::force::{Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind, TskSet};
 use crate::sample::DriveKind;
 use serde::{Deserialize, Serialize};
@@ -37,18 +46,14 @@ pub(super) struct Parameters {
 const KEYS: [&str; 6] =
     ["inputs", "order", "force_offset_n", "force_mean_n", "force_std_dev_n", "conclusions"];
 
-/// Numbers of a set of this shape, as the last part of the key.
+/// Numbers of a set of this shape, in the order of its fields, as the last part of the key.
 const fn endings(shape: Shape) -> &'static [&'static str] {
     match shape {
         Shape::Gaussian => &["centres", "sigmas"],
         Shape::Triangle => &["left_feet", "peaks", "right_feet"],
-    }
-}
-
-const fn numbers(set: TskSet) -> [f64; 3] {
-    match set {
-        TskSet::Gaussian { centre, sigma } => [centre, sigma, 0.0],
-        TskSet::Triangle { left, peak, right } => [left, peak, right],
+        Shape::Bell => &["half_widths", "exponents", "centres"],
+        Shape::Trapezoid => &["left_feet", "left_shoulders", "right_shoulders", "right_feet"],
+        Shape::TwoSidedGaussian => &["left_sigmas", "left_centres", "right_sigmas", "right_centres"],
     }
 }
 
@@ -61,7 +66,7 @@ impl Parameters {
             values.insert(format!("{name}_mean_{unit}"), Value::One(input.mean()));
             values.insert(format!("{name}_std_dev_{unit}"), Value::One(input.std_dev()));
             for (k, ending) in endings(input.shape()).iter().enumerate() {
-                let list = input.sets().map(|set| numbers(set)[k]).collect();
+                let list = input.sets().map(|set| set.numbers()[k]).collect();
                 values.insert(format!("{name}_{ending}"), Value::Many(list));
             }
         }
@@ -92,7 +97,7 @@ pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table)
         .iter()
         .flat_map(|signal| {
             let (name, unit) = (signal.name(), signal.unit_suffix());
-            let endings = endings(Shape::Gaussian).iter().chain(endings(Shape::Triangle));
+            let endings = Shape::ALL.into_iter().flat_map(endings);
             let sets = endings.map(move |ending| format!("{name}_{ending}"));
             sets.chain([format!("{name}_mean_{unit}"), format!("{name}_std_dev_{unit}")])
         })
@@ -159,16 +164,7 @@ fn input(signal: Signal, values: &BTreeMap<String, Value>) -> Result<TskInput, E
         })),
         None => Err(missing(format!("parameters.{key}"))),
     };
-    let shape = match (
-        values.contains_key(&format!("{name}_centres")),
-        values.contains_key(&format!("{name}_peaks")),
-    ) {
-        (true, true) => {
-            return Err(ModelFileError::TwoShapes { input: name }.into());
-        }
-        (_, false) => Shape::Gaussian,
-        (false, true) => Shape::Triangle,
-    };
+    let shape = shape(name, |ending| values.contains_key(&format!("{name}_{ending}")))?;
     let lists: Vec<&[f64]> =
         endings(shape).iter().map(|ending| list(format!("{name}_{ending}"))).collect::<Result<_, Error>>()?;
     if let Some((ending, short)) = endings(shape).iter().zip(&lists).find(|(_, l)| l.len() != lists[0].len())
@@ -179,10 +175,33 @@ fn input(signal: Signal, values: &BTreeMap<String, Value>) -> Result<TskInput, E
             expected: format!("{} (one for each of {name}_{})", lists[0].len(), endings(shape)[0]),
         });
     }
-    let set = |j: usize| match shape {
-        Shape::Gaussian => TskSet::Gaussian { centre: lists[0][j], sigma: lists[1][j] },
-        Shape::Triangle => TskSet::Triangle { left: lists[0][j], peak: lists[1][j], right: lists[2][j] },
+    let foreign =
+        |ending: &&&str| !endings(shape).contains(ending) && values.contains_key(&format!("{name}_{ending}"));
+    if Shape::ALL.into_iter().flat_map(endings).any(|ending| foreign(&ending)) {
+        return Err(ModelFileError::TwoShapes { input: name }.into());
+    }
+    let set = |j: usize| {
+        let mut numbers = [0.0; NUMBERS];
+        numbers.iter_mut().zip(&lists).for_each(|(number, list)| *number = list[j]);
+        TskSet::of(shape, numbers)
     };
     let sets: Vec<TskSet> = (0..lists[0].len()).map(set).collect();
     TskInput::new(signal, one(format!("{name}_mean_{unit}"))?, one(format!("{name}_std_dev_{unit}"))?, &sets)
+}
+
+/// The shape that the keys of the input `name` belong to; Gaussian if none of them tells. `has` says whether there is a
+/// key with this ending.
+fn shape(name: &'static str, has: impl Fn(&str) -> bool) -> Result<Shape, Error> {
+    let of = |shape: Shape| match shape {
+        Shape::Gaussian => has("centres") && !has("half_widths"),
+        Shape::Triangle => has("peaks"),
+        Shape::Bell => has("half_widths"),
+        Shape::Trapezoid => has("left_shoulders"),
+        Shape::TwoSidedGaussian => has("left_centres"),
+    };
+    let mut shapes = Shape::ALL.into_iter().filter(|shape| of(*shape));
+    match (shapes.next(), shapes.next()) {
+        (Some(_), Some(_)) => Err(ModelFileError::TwoShapes { input: name }.into()),
+        (shape, _) => Ok(shape.unwrap_or(Shape::Gaussian)),
+    }
 }

@@ -5,9 +5,12 @@ use crate::identify_support::peers;
 
 use mr_damper_model::Error;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
-use mr_damper_model::force::{ForceModel, FreeRun, Tsk, TskKind};
+use mr_damper_model::force::{
+    ForceModel, FreeRun, Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind, TskSet,
+};
 use mr_damper_model::identify::{
-    Dataset, DatasetOptions, Form, Learning, ModelSpec, Options, Row, TskOptions, Watch, fit_tsk, identify,
+    Algorithm, Dataset, DatasetOptions, Evolution, Form, Learning, ModelSpec, Options, Row, TskOptions,
+    Variant, Watch, fit_tsk, identify,
 };
 use mr_damper_model::metrics::ErrorSum;
 use mr_damper_model::model_file::{ModelFile, Provenance};
@@ -75,6 +78,8 @@ fn the_error_falls_with_the_epochs_and_matches_the_model() {
         (TskKind::Anfis, Learning::GaussNewton),
         (TskKind::Anfis, Learning::Gradient),
         (TskKind::Ahn, Learning::GaussNewton),
+        (TskKind::Ahn, Learning::BackPropagation),
+        (TskKind::Atray, Learning::GaussNewton),
         (TskKind::Evolved, Learning::GaussNewton),
     ] {
         let found = fit(&data, kind, &TskOptions { learning, ..TskOptions::default() });
@@ -109,12 +114,160 @@ fn ten_epochs_of_gauss_newton_beat_fifty_of_the_gradient() {
 #[test]
 fn the_result_does_not_depend_on_the_number_of_threads() {
     let data = [rows_of(0, 2, |row| row.force_n), rows_of(1, 3, |row| row.force_n + 40.0)];
-    for kind in [TskKind::Anfis, TskKind::Ahn, TskKind::Evolved] {
+    // Few steps: a sum in another order would show in the first.
+    let mut plain = TskOptions { epochs: 8, ..TskOptions::default() };
+    plain.evolution.generations = 6;
+    plain.back_propagation.epochs = 6;
+    let descent = TskOptions { learning: Learning::BackPropagation, ..plain };
+    let genetic =
+        TskOptions { evolution: Evolution { algorithm: Algorithm::Genetic, ..plain.evolution }, ..plain };
+    for (kind, options) in [
+        (TskKind::Anfis, plain),
+        (TskKind::Atray, plain),
+        (TskKind::Ahn, plain),
+        (TskKind::Ahn, descent),
+        (TskKind::Evolved, plain),
+        (TskKind::Evolved, genetic),
+    ] {
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            pool.install(|| fit(&data, kind, &TskOptions::default()))
+            pool.install(|| fit(&data, kind, &options))
         };
         assert_eq!(on(1), on(2), "{kind:?}");
+    }
+}
+
+#[test]
+fn planted_memberships_are_found_by_the_genetic_algorithm() {
+    // The truth has memberships off the uniform grid, so that the grid alone leaves an error.
+    let truth = fit(&[rows_of(0, 3, |row| row.force_n)], TskKind::Anfis, &TskOptions::default()).model;
+    let runs = [rows_of(0, 3, |row| truth.force_n(&row.inputs()))];
+    let plain = TskOptions::default();
+    let by = |algorithm, generations| {
+        let evolution = Evolution { algorithm, generations, ..plain.evolution };
+        esr(&fit(&runs, TskKind::Evolved, &TskOptions { evolution, ..plain }).model, &runs[0])
+    };
+    let grid = by(Algorithm::Genetic, 0);
+    let (genetic, differential) = (by(Algorithm::Genetic, 40), by(Algorithm::Differential, 40));
+    println!("grid {grid:.2e} genetic {genetic:.2e} differential {differential:.2e}");
+    assert!(genetic < 0.2 * grid, "{genetic} {grid}");
+    assert!(genetic < 3.0 * differential, "{genetic} {differential}");
+}
+
+#[test]
+fn variants_reach_the_fit_through_identify() {
+    let experiment = Experiment::thesis("RP-ICPS").expect("an experiment").with_duration_s(8.0);
+    let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
+    let options =
+        Options { conditioning: Conditioning::THESIS, choose_velocity: false, ..Options::default() };
+    for (name, variant) in [("tsk-555", Variant::BackPropagation), ("tsk-evolved", Variant::Genetic)] {
+        for form in [Form::Passive, Form::SemiActive] {
+            let spec = ModelSpec::named(name, form).expect("a known model");
+            assert_eq!(spec.variants(), [variant]);
+            let fitted = |spec| {
+                identify(spec, std::slice::from_ref(&run), &options, &Watch::none()).expect("a fit").free_run
+            };
+            let (plain, other) = (fitted(spec), fitted(spec.with_variant(variant).expect("registered")));
+            let (plain, other) = (plain.expect("an error").esr, other.expect("an error").esr);
+            println!("{name} {form:?}: {plain:.4} {other:.4}");
+            assert!(plain != other && other < 2.0 * plain, "{name} {form:?} {plain} {other}");
+        }
+    }
+}
+
+#[test]
+fn shapes_are_chosen_for_anfis_and_refused_otherwise() {
+    let data = [rows_of(0, 4, |row| row.force_n)];
+    let with = |kind, shape| {
+        let options = TskOptions { shape: Some(shape), epochs: 3, ..TskOptions::default() };
+        fit_tsk(&data, kind, DRIVE, &options, &Watch::none())
+    };
+    for shape in [Shape::Bell, Shape::Triangle, Shape::Gaussian] {
+        let model = with(TskKind::Anfis, shape).expect("a fit").model;
+        assert!(model.inputs().iter().all(|input| input.shape() == shape));
+        assert!(esr(&model, &data[0]) < 0.1, "{shape:?}");
+    }
+    let message = |kind, shape| with(kind, shape).expect_err("refused").to_string();
+    assert!(message(TskKind::Anfis, Shape::Trapezoid).contains("cannot be trained with trapezoid"));
+    assert!(message(TskKind::Anfis, Shape::TwoSidedGaussian).contains("with two-sided gaussian memberships"));
+    assert!(message(TskKind::Ahn, Shape::Bell).contains("tsk-555 has no bell memberships"));
+}
+
+/// A small model of each shape.
+fn shaped(kind: TskKind, sets: [TskSet; 2]) -> Tsk {
+    let velocity = TskInput::new(Signal::Velocity, 0.01, 0.1, &sets).expect("an input");
+    let output = OutputScale { mean_n: 0.0, std_dev_n: 300.0 };
+    Tsk::new(kind, &[velocity], Order::Constant, &[-1.0, 1.0 / 3.0], output, 5.0).expect("a model")
+}
+
+#[test]
+fn every_shape_is_stored_in_a_model_file() {
+    for (sets, keys) in [
+        (
+            [(0.5, 2.0, -1.0), (0.7, 1.1, 1.0)].map(|(half_width, exponent, centre)| TskSet::Bell {
+                half_width,
+                exponent,
+                centre,
+            }),
+            &["velocity_half_widths = [0.5, 0.7]", "velocity_exponents", "velocity_centres"][..],
+        ),
+        (
+            [(-9.0, -2.0, -1.0, 0.0), (-1.0, 1.0, 2.0, 9.0)].map(
+                |(left_foot, left_shoulder, right_shoulder, right_foot)| TskSet::Trapezoid {
+                    left_foot,
+                    left_shoulder,
+                    right_shoulder,
+                    right_foot,
+                },
+            ),
+            &["velocity_left_shoulders = [-2.0, 1.0]", "velocity_right_shoulders", "velocity_left_feet"],
+        ),
+        (
+            [(0.5, -2.0, 1.0, -1.0), (0.7, 1.0, 0.3, 0.5)].map(
+                |(left_sigma, left_centre, right_sigma, right_centre)| TskSet::TwoSidedGaussian {
+                    left_sigma,
+                    left_centre,
+                    right_sigma,
+                    right_centre,
+                },
+            ),
+            &["velocity_left_sigmas = [0.5, 0.7]", "velocity_right_centres"],
+        ),
+    ] {
+        let mut model = preset::load(preset::BEST_ANFIS).expect("a preset");
+        model.force = ForceModel::Tsk(shaped(TskKind::Anfis, sets));
+        model.envelope.drive = None;
+        let file = ModelFile { model, provenance: Provenance::default() };
+        let text = file.to_toml().expect("writes");
+        assert!(keys.iter().all(|key| text.contains(key)), "{text}");
+        assert_eq!(ModelFile::from_toml(&text).unwrap_or_else(|e| panic!("{e}\n{text}")), file);
+        let mixed = text.replacen("velocity_mean_m_s", "velocity_peaks = [1.0]\nvelocity_mean_m_s", 1);
+        let message = ModelFile::from_toml(&mixed).expect_err("two shapes").to_string();
+        assert!(message.contains("keys of two shapes"), "{message}");
+    }
+}
+
+#[test]
+fn a_file_of_atray_with_gaussians_still_loads() {
+    // A grid of 3, 2, 4 Gaussians, as a file of tsk-324 holds when it was written before the model had bells.
+    let text = r#"schema = "mr-damper/model/1"
+model = "tsk-324"
+drive = "current_a"
+"#;
+    let gaussians = [rows_of(0, 4, |row| row.force_n)];
+    let options = TskOptions { shape: Some(Shape::Gaussian), epochs: 3, ..TskOptions::default() };
+    let model = fit(&gaussians, TskKind::Atray, &options).model;
+    assert_eq!(model.parameter_count(), 114);
+    let mut whole = preset::load(preset::BEST_ANFIS).expect("a preset");
+    whole.force = ForceModel::Tsk(model);
+    let file = ModelFile { model: whole, provenance: Provenance::default() };
+    let written = file.to_toml().expect("writes");
+    assert!(written.starts_with(text), "{written}");
+    let keys = ["displacement_centres", "displacement_sigmas", "velocity_sigmas", "drive_sigmas"];
+    assert!(keys.iter().all(|key| written.contains(key)), "{written}");
+    let ForceModel::Tsk(read) = ModelFile::from_toml(&written).expect("reads").model.force else { panic!() };
+    for row in gaussians[0].rows.iter().take(50) {
+        assert_eq!(read.force_n(&row.inputs()).to_bits(), model.force_n(&row.inputs()).to_bits());
     }
 }
 

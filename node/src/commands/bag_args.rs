@@ -67,6 +67,18 @@ impl BagArgs {
         }
     }
 
+    /// The first argument that is given.
+    #[must_use]
+    pub fn given(&self) -> Option<&'static str> {
+        let all = [
+            ("--storage", self.storage.is_some()),
+            ("--compression", self.compression.is_some()),
+            ("--max-bag-size", self.max_bag_size.is_some()),
+            ("--max-bag-duration", self.max_bag_duration.is_some()),
+        ];
+        all.into_iter().find(|(_, given)| *given).map(|(argument, _)| argument)
+    }
+
     /// Refuses arguments that would be ignored because the target is a single file.
     ///
     /// # Errors

@@ -1,20 +1,28 @@
-//! `mr-damper convert`: converts runs between CSV and rosbag2, and between the formats of rosbag2.
+//! `mr-damper convert`: converts runs between CSV and rosbag2 and between the formats of rosbag2, and models of fuzzy
+//! rules between model files and MATLAB's FIS files.
 
 use crate::commands::bag_args::BagArgs;
 use crate::commands::context::CliContext;
+use crate::commands::fis::{self, ScaleArgs};
 use crate::commands::run_args::RunArgs;
 use crate::settings::error::NodeError;
 use mr_damper_base::shown;
-use mr_damper_runs::{RunSection, SaveOptions};
-use std::path::PathBuf;
+use mr_damper_runs::{RunSection, SaveOptions, write_text};
+use std::path::{Path, PathBuf};
 
-/// Convert a run between CSV and rosbag2 (MCAP, sqlite3), without loss.
+/// Convert a run between CSV and rosbag2 (MCAP, sqlite3), or a model of fuzzy rules to and from MATLAB's .fis.
 ///
-/// A target that ends in .csv, .mcap or .db3 is written as such a file, any other target as a rosbag2 directory. With
-/// --start and --duration only a part of the run is written, for example one half for identification and one for tests.
+/// Runs: a target that ends in .csv, .mcap or .db3 is written as such a file, any other target as a rosbag2 directory,
+/// without loss. With --start and --duration only a part of the run is written, for example one half for identification
+/// and one for tests.
+///
+/// Models: if OUT ends in .fis, IN is a model file or preset of fuzzy rules (anfis, tsk-...). If IN ends in .fis, OUT is a
+/// model file that ends in .toml, and --like or --rate gives what the FIS file does not hold. `mr-damper fis` converts
+/// several files at once, and its --help says what a FIS file can hold.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// CSV file, rosbag2 directory, or .mcap or .db3 file; bags may be compressed, damaged, or without metadata.
+    /// CSV file, rosbag2 directory, or .mcap or .db3 file; bags may be compressed, damaged, or without metadata. Or a
+    /// .fis file, or for a .fis target a model file or preset.
     #[arg(value_name = "IN")]
     pub input: PathBuf,
     /// Target; must not exist.
@@ -35,13 +43,90 @@ pub struct Args {
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
+    /// What a FIS file does not hold.
+    #[command(flatten, next_help_heading = "Reading FIS files")]
+    pub scale: ScaleArgs,
 }
 
-/// Converts the run.
+/// Converts the run or the model.
 ///
 /// # Errors
-/// When the run does not load, or the target exists or cannot be written.
+/// When the source does not load, or the target exists, cannot hold it or cannot be written; when an argument does not
+/// apply to the source or the target.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    let (from_fis, to_fis) = (fis::is_fis(&args.input), fis::is_fis(&args.output));
+    if !from_fis {
+        args.refuse(
+            "is for a FIS file as IN",
+            &[("--like", args.scale.like.is_some()), ("--rate", args.scale.rate.is_some())],
+        )?;
+    }
+    if !from_fis && !to_fis {
+        return convert_run(args, context);
+    }
+    args.refuse(
+        "is for runs, but this is a conversion of a model",
+        &[
+            ("--namespace", !args.namespace.is_empty()),
+            ("--start", args.start != 0.0),
+            ("--duration", args.duration.is_some()),
+        ],
+    )?;
+    let given = args.bag.given().or(args.load.given());
+    args.refuse(
+        "is for runs, but this is a conversion of a model",
+        &[(given.unwrap_or_default(), given.is_some())],
+    )?;
+    convert_model(&args.input, &args.output, &args.scale, context)
+}
+
+impl Args {
+    /// Refuses the first of the `arguments` that is given.
+    fn refuse(&self, why: &str, arguments: &[(&str, bool)]) -> Result<(), NodeError> {
+        match arguments.iter().find(|(_, given)| *given) {
+            Some((argument, _)) => Err(NodeError::Usage(format!(
+                "{argument} {why}: {} to {}",
+                self.input.display(),
+                self.output.display()
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Converts a model of fuzzy rules to or from a FIS file.
+fn convert_model(
+    input: &Path,
+    output: &Path,
+    scale: &ScaleArgs,
+    context: &CliContext,
+) -> Result<(), NodeError> {
+    let to_toml = output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
+    let text = match (fis::is_fis(input), fis::is_fis(output)) {
+        (true, _) if to_toml => fis::model_text(input, scale)?,
+        (false, true) => fis::fis_text(&input.to_string_lossy())?,
+        _ => {
+            return Err(NodeError::Usage(format!(
+                "{}: a FIS file becomes a model file, whose name ends in .toml; give such a name in place of {}",
+                input.display(),
+                output.display()
+            )));
+        }
+    };
+    if output.exists() {
+        let message = "exists; give another target".to_owned();
+        return Err(NodeError::File { path: output.to_owned(), message });
+    }
+    write_text(output, &text)?;
+    if !context.quiet {
+        let text = format!("{}: written to {}", input.display(), output.display());
+        eprintln!("{}", shown::line(&text));
+    }
+    Ok(())
+}
+
+/// Converts a run.
+fn convert_run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     args.bag.check(&args.output)?;
     let part = RunSection { start_s: args.start, duration_s: args.duration };
     let save = SaveOptions { namespace: args.namespace.clone(), part, bag: args.bag.options() };

@@ -8,6 +8,7 @@ use mr_damper_model::condition::Conditioning;
 use mr_damper_model::effect::Effects;
 use mr_damper_model::fis::{Fis, Scaling};
 use mr_damper_model::force::{ForceModel, OutputScale, Tsk, TskKind};
+use mr_damper_model::identify::Structure;
 use mr_damper_model::model::{Expected, Model};
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_runs::write_text;
@@ -20,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// these from a model. Without --like, the inputs and the force are SI values (m, m/s, A or V, N), and the names of the inputs
 /// must be displacement, velocity, acceleration, current or voltage. The model file has a line for each of these values,
 /// so they can be corrected there. A FIS file that a model cannot represent is refused with its line: the system must be
-/// of type sugeno, with memberships gaussmf or trimf and one rule for each combination of them.
+/// of type sugeno, with memberships gaussmf, gauss2mf, gbellmf, trimf or trapmf and one rule for each combination of them.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// FIS files, whose names end in .fis, to convert to model files; model files and presets (anfis, tsk-...) to convert to
@@ -31,6 +32,14 @@ pub struct Args {
     /// NAME.fis. Existing files are not replaced.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// What a FIS file does not hold.
+    #[command(flatten)]
+    pub scale: ScaleArgs,
+}
+
+/// What a FIS file does not hold.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct ScaleArgs {
     /// Take normalisation, filter, derivative and sample rate from this model of fuzzy rules, a file or preset. It must have
     /// the inputs of the FIS file, in the same order.
     #[arg(long, value_name = "MODEL")]
@@ -38,6 +47,11 @@ pub struct Args {
     /// Sample rate of the data that a FIS file was trained on, Hz; needed without --like.
     #[arg(long, value_name = "HZ", conflicts_with = "like", value_parser = number::hertz)]
     pub rate: Option<f64>,
+}
+
+/// True if the name of the file at `path` ends in .fis.
+pub(super) fn is_fis(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("fis"))
 }
 
 /// Converts the files. Nothing is written if one of them cannot be converted.
@@ -48,9 +62,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let mut converted: Vec<(PathBuf, String)> = Vec::with_capacity(args.files.len());
     for file in &args.files {
         let path = Path::new(file);
-        let is_fis = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("fis"));
         let (extension, text) =
-            if is_fis { ("toml", model_text(path, args)?) } else { ("fis", fis_text(file)?) };
+            if is_fis(path) { ("toml", model_text(path, &args.scale)?) } else { ("fis", fis_text(file)?) };
         let target = args.out.join(path.with_extension(extension).file_name().unwrap_or_default());
         if target.exists() || converted.iter().any(|(other, _)| *other == target) {
             return Err(NodeError::File {
@@ -72,7 +85,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
 }
 
 /// The text of the model file for the FIS file at `path`.
-fn model_text(path: &Path, args: &Args) -> Result<String, NodeError> {
+pub(super) fn model_text(path: &Path, args: &ScaleArgs) -> Result<String, NodeError> {
     let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
     let text = fs::read_to_string(path).map_err(|error| in_file(error.to_string()))?;
     let fis = Fis::parse(&text).map_err(|error| in_file(error.to_string()))?;
@@ -165,25 +178,51 @@ enum FisError {
     HasEffects { name: String },
     #[error("{name} is a model {kind}, which has no fuzzy rules; FIS files are for anfis and tsk-... only")]
     NoRules { name: String, kind: &'static str },
+    #[error("--fis: a model {kind} has no fuzzy rules; FIS files are for anfis and tsk-... only")]
+    NoRulesToWrite { kind: &'static str },
+    #[error("a FIS file cannot hold the surface of {name}: {why}")]
+    OtherSurface { name: String, why: mr_damper_model::Error },
 }
 
 impl PartError for FisError {}
 
-/// The text of the FIS file for the model `name`.
-fn fis_text(name: &str) -> Result<String, NodeError> {
-    let (model, rules) = rule_model(name)?;
+/// The text of the FIS file for the model `name`, a file or preset.
+pub(super) fn fis_text(name: &str) -> Result<String, NodeError> {
+    text_of(&models::load(name)?, name)
+}
+
+/// The text of the FIS file for `model`, which is called `name`. It reads back as a system with the same surface.
+pub(super) fn text_of(model: &Model, name: &str) -> Result<String, NodeError> {
+    let rules = rules_of(model, name)?;
     if !model.effects.is_empty() {
         return Err(FisError::HasEffects { name: name.to_owned() }.into());
     }
     let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
-    Ok(Fis::of(&rules, &stem).with_ranges(&model.envelope, &Scaling::of(&rules)).to_text())
+    let text = Fis::of(&rules, &stem).with_ranges(&model.envelope, &Scaling::of(&rules)).to_text();
+    match Fis::parse(&text) {
+        Ok(_) => Ok(text),
+        Err(why) => Err(FisError::OtherSurface { name: name.to_owned(), why }.into()),
+    }
+}
+
+/// Refuses a structure whose models cannot be FIS files.
+pub(super) fn check_rules(structure: Structure) -> Result<(), NodeError> {
+    match structure {
+        Structure::Tsk(_) => Ok(()),
+        other => Err(FisError::NoRulesToWrite { kind: other.name() }.into()),
+    }
 }
 
 /// The model `name` and its fuzzy rules.
 fn rule_model(name: &str) -> Result<(Model, Tsk), NodeError> {
     let model = models::load(name)?;
+    Ok((model, rules_of(&model, name)?))
+}
+
+/// The fuzzy rules of `model`, which is called `name`.
+fn rules_of(model: &Model, name: &str) -> Result<Tsk, NodeError> {
     match model.force {
-        ForceModel::Tsk(rules) => Ok((model, rules)),
+        ForceModel::Tsk(rules) => Ok(rules),
         other => Err(FisError::NoRules { name: name.to_owned(), kind: other.name() }.into()),
     }
 }

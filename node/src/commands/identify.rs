@@ -2,6 +2,7 @@
 
 use crate::commands::conditioning::{ConditioningArgs, FilterArg, VelocityArg, velocity_text};
 use crate::commands::context::CliContext;
+use crate::commands::fis;
 use crate::commands::output::OutputArgs;
 use crate::commands::progress::Working;
 use crate::commands::run_args::RunArgs;
@@ -62,6 +63,10 @@ pub struct Args {
     /// Model file to write.
     #[arg(long, value_name = "MODEL.toml")]
     pub out: PathBuf,
+    /// Also write the model as a FIS file of MATLAB; for models of fuzzy rules (anfis, tsk-...). It holds the rules on
+    /// normalised values; the model file holds the normalisation.
+    #[arg(long, value_name = "MODEL.fis")]
+    pub fis: Option<PathBuf>,
     /// Validation runs: held out of the fit, and scored.
     #[arg(long, value_name = "RUN", num_args = 1..)]
     pub validate: Vec<PathBuf>,
@@ -183,10 +188,6 @@ struct RunReport<'a> {
 /// When a run does not load, the model cannot be identified from the runs, or a file cannot be written; when interrupted,
 /// in which case nothing is written.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
-    let loaded = args.runs.iter().map(|path| args.load.load(path)).collect::<Result<Vec<_>, _>>()?;
-    let (runs, hashes): (Vec<Run>, Vec<String>) =
-        loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
-    let start = Instant::now();
     let form = match (args.passive, args.fuzzy, args.free_sets) {
         (true, _, _) => Form::Passive,
         (false, _, true) => Form::FreeFuzzy,
@@ -197,6 +198,17 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     if let Some(fit) = args.fit.as_deref().and_then(Variant::named) {
         spec = spec.with_variant(fit)?;
     }
+    if let Some(path) = &args.fis {
+        fis::check_rules(spec.structure())?;
+        if !fis::is_fis(path) {
+            let path = path.display();
+            return Err(NodeError::Usage(format!("--fis {path}: give a name that ends in .fis")));
+        }
+    }
+    let loaded = args.runs.iter().map(|path| args.load.load(path)).collect::<Result<Vec<_>, _>>()?;
+    let (runs, hashes): (Vec<Run>, Vec<String>) =
+        loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
+    let start = Instant::now();
     let mut found = fit(spec, &runs, args, context)?;
     let seconds = start.elapsed().as_secs_f64();
     let mut inverse = fit_inverse(&mut found, &runs, args, context)?;
@@ -210,7 +222,12 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         report.validation = score_inverse(&model, &found.model, &held_out, &args.conditioning.dataset())?;
     }
     let file = ModelFile { model: found.model, provenance: provenance(args, &found, &hashes, validation) };
+    let fis_text =
+        args.fis.as_ref().map(|path| fis::text_of(&found.model, &path.to_string_lossy())).transpose()?;
     write_text(&args.out, &file.to_toml()?)?;
+    if let (Some(path), Some(text)) = (&args.fis, fis_text) {
+        write_text(path, &text)?;
+    }
     let report = Report {
         schema: "mr-damper/identify/1",
         model: found.model.force.name(),

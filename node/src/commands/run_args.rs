@@ -64,6 +64,21 @@ pub enum DriveArg {
 }
 
 impl RunArgs {
+    /// The first argument that is given.
+    #[must_use]
+    pub fn given(&self) -> Option<&'static str> {
+        let all = [
+            ("--skip-bad-rows", self.skip_bad_rows),
+            ("--thesis-txt", self.thesis_txt),
+            ("--drive", self.drive.is_some()),
+            ("--bag-namespace", self.bag_namespace.is_some()),
+            ("--bag-joint", self.bag_joint.is_some()),
+            ("--map", !self.map.is_empty()),
+            ("--map-file", self.map_file.is_some()),
+        ];
+        all.into_iter().find(|(_, given)| *given).map(|(argument, _)| argument)
+    }
+
     /// The options for loading a run.
     ///
     /// # Errors

@@ -155,3 +155,101 @@ fn what_cannot_be_converted_is_refused_and_nothing_is_written() {
     let said = text(&output.stderr);
     assert!(output.status.code() == Some(1) && said.contains("would replace"), "{said}");
 }
+
+#[test]
+fn one_model_is_converted_in_either_direction() {
+    let dir = folder();
+    let name = "thesis/anfis/rp1-cs";
+    done(dir.path(), &format!("convert {name} rp1.fis"));
+    let said = text(&done(dir.path(), &format!("convert rp1.fis rp1.toml --like {name}")).stderr);
+    assert!(said.contains("rp1.fis: written to rp1.toml"), "{said}");
+    assert_eq!(read(&dir.path().join("rp1.toml")).model.force, preset::load(name).expect("a preset").force);
+    // The same file as `fis` writes.
+    done(dir.path(), &format!("fis {name} --out fis"));
+    let [one, many] = ["rp1.fis", "fis/rp1-cs.fis"]
+        .map(|file| std::fs::read_to_string(dir.path().join(file)).expect("it was written"));
+    assert_eq!(one, many);
+    done(dir.path(), "convert own.fis own.toml --rate 100");
+    done(dir.path(), "convert own.toml again.FIS");
+    done(dir.path(), "convert again.FIS again.toml --rate 100");
+    assert_eq!(read(&dir.path().join("again.toml")).model, read(&dir.path().join("own.toml")).model);
+}
+
+#[test]
+fn convert_refuses_what_does_not_apply_and_writes_nothing() {
+    let dir = folder();
+    done(dir.path(), "convert own.fis own.toml --rate 100");
+    let refused = |arguments: &str, code: i32, words: &[&str]| {
+        let output = mr_damper(dir.path(), &format!("convert {arguments}"));
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments}: {said}");
+        for word in words {
+            assert!(said.contains(word), "{arguments}: \"{word}\" is missing in: {said}");
+        }
+        assert!(!["new.toml", "new.fis", "new.csv"].iter().any(|file| dir.path().join(file).exists()));
+    };
+    refused("own.fis new.toml", 2, &["own.fis", "--rate HZ", "--like MODEL"]);
+    refused("own.fis new.csv --rate 100", 2, &["own.fis", "ends in .toml", "new.csv"]);
+    refused("own.fis new.fis --rate 100", 2, &["own.fis", "ends in .toml"]);
+    refused("own.fis own.toml --rate 100", 1, &["own.toml", "exists"]);
+    refused("own.fis new.toml --rate 100 --start 3", 2, &["--start is for runs", "own.fis to new.toml"]);
+    refused("own.fis new.toml --rate 100 --storage mcap", 2, &["--storage is for runs"]);
+    refused("own.fis new.toml --rate 100 --thesis-txt", 2, &["--thesis-txt is for runs"]);
+    refused("own.toml new.fis --rate 100", 2, &["--rate is for a FIS file as IN"]);
+    refused("run.csv new.csv --like own.toml", 2, &["--like is for a FIS file as IN"]);
+    refused("thesis/fuzzy-tanh/rp3-cs new.fis", 1, &["model fuzzy-tanh", "no fuzzy rules"]);
+}
+
+#[test]
+fn a_surface_that_a_file_cannot_hold_is_refused() {
+    let dir = folder();
+    // A gap between two triangles: the model takes the nearer one there, and no rule of the file would fire.
+    let wide =
+        OWN.replace("'trimf',[-2 0 2]", "'trimf',[-2 0 1]").replace("'trimf',[0 2 4]", "'trimf',[1 2 4]");
+    std::fs::write(dir.path().join("wide.fis"), wide).expect("written");
+    done(dir.path(), "convert wide.fis wide.toml --rate 100");
+    let model = std::fs::read_to_string(dir.path().join("wide.toml")).expect("it was written");
+    let gap = model.replace("drive_right_feet = [1.0, 4.0]", "drive_right_feet = [0.5, 4.0]");
+    assert_ne!(gap, model, "{model}");
+    std::fs::write(dir.path().join("gap.toml"), gap).expect("written");
+    let output = mr_damper(dir.path(), "convert gap.toml gap.fis");
+    let said = text(&output.stderr);
+    assert!(output.status.code() == Some(1) && !dir.path().join("gap.fis").exists(), "{said}");
+    for words in ["cannot hold the surface of gap.toml", "no membership is above zero between 0.5 and 1"] {
+        assert!(said.contains(words), "{said}");
+    }
+}
+
+#[test]
+fn identify_writes_the_rules_beside_the_model_file() {
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    done(dir.path(), "simulate --experiment RP-ICPS --duration 6 --out .");
+    let run = "rp-icps-01.csv";
+    // tsk-324 has bells, tsk-555 has triangles.
+    for (model, function) in [("tsk-324", "gbellmf"), ("tsk-555", "trimf")] {
+        done(dir.path(), &format!("identify --model {model} {run} --out {model}.toml --fis {model}.fis"));
+        let fis = std::fs::read_to_string(dir.path().join(format!("{model}.fis"))).expect("it was written");
+        assert!(fis.contains(&format!("'{function}',")), "{fis}");
+        done(dir.path(), &format!("convert {model}.fis {model}-back.toml --like {model}.toml"));
+        let [back, original] = ["-back.toml", ".toml"].map(|end| {
+            let ForceModel::Tsk(rules) = read(&dir.path().join(format!("{model}{end}"))).model.force else {
+                panic!("{model}{end}")
+            };
+            rules
+        });
+        assert_eq!(
+            (back.inputs(), back.conclusions()),
+            (original.inputs(), original.conclusions()),
+            "{model}"
+        );
+    }
+    for (arguments, code, words) in [
+        ("--model arx --fis arx.fis", 1, "--fis: a model arx has no fuzzy rules"),
+        ("--model anfis --fis rules.txt", 2, "--fis rules.txt: give a name that ends in .fis"),
+    ] {
+        let output = mr_damper(dir.path(), &format!("identify {run} --out none.toml {arguments}"));
+        let said = text(&output.stderr);
+        assert!(output.status.code() == Some(code) && said.contains(words), "{said}");
+        assert!(!dir.path().join("none.toml").exists());
+    }
+}

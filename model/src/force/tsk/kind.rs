@@ -20,18 +20,24 @@ use crate::sample::DriveKind;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum TskKind {
     /// ANFIS (thesis 4.5, appendix C): 3 Gaussians each over displacement, velocity, drive; first order. The
-    /// name is also used for any other grid, such as one read from a `.fis` file.
+    /// name is also used for any other grid and shape, such as one read from a `.fis` file.
     Anfis,
-    /// Schurter and Roschke: 2, 4, 3 Gaussians over displacement, velocity, drive; first order.
+    /// Schurter and Roschke: 2, 4, 3 Gaussians over displacement, velocity, drive; first order. The review does not
+    /// state the shape of their memberships.
     SchurterRoschke,
-    /// Atray and Roschke: 3, 2, 4 Gaussians over displacement, velocity, drive; first order.
+    /// Atray and Roschke: 3, 2, 4 generalised bells over displacement, velocity, drive; first order. A model with
+    /// Gaussians in place of the bells is valid too.
     Atray,
-    /// Ahn et al.: 5, 5, 5 triangles over displacement, velocity, drive; constant conclusions.
+    /// Ahn et al.: 5, 5, 5 triangles over displacement, velocity, drive; constant conclusions. Their triangles move
+    /// freely; here they form a partition, in which each foot is the neighbour's peak. They train by back-propagation
+    /// alone; here that is a variant ([`crate::identify::Variant::BackPropagation`]).
     Ahn,
     /// Wang and Hu: 3, 3, 3 Gaussians over velocity, acceleration, drive; first order.
     WangHu,
-    /// Du and Zhang: the structure of ANFIS, with memberships found by an evolutionary algorithm. The thesis'
-    /// review does not state their structure.
+    /// Du and Zhang: the structure of ANFIS, with memberships found by an evolutionary algorithm. Their genetic
+    /// algorithm also selects inputs and rules, and the review does not state the structure that it found; here the
+    /// structure is fixed. Their algorithm is a variant ([`crate::identify::Variant::Genetic`]) beside differential
+    /// evolution.
     Evolved,
 }
 
@@ -74,12 +80,24 @@ impl TskKind {
         motion.into_iter().chain(drive.map(|kind| (Signal::Drive(kind), drive_sets))).collect()
     }
 
-    /// Shape of the memberships.
+    /// Shape of the memberships that a fit gives the model.
     #[must_use]
     pub const fn shape(self) -> Shape {
         match self {
             Self::Ahn => Shape::Triangle,
+            Self::Atray => Shape::Bell,
             _ => Shape::Gaussian,
+        }
+    }
+
+    /// True if a model of this kind may have memberships of `shape`: any for ANFIS, and for the others their own.
+    /// [`TskKind::Atray`] may also have Gaussians, so that model files with them load.
+    #[must_use]
+    pub fn allows(self, shape: Shape) -> bool {
+        match self {
+            Self::Anfis => true,
+            Self::Atray => matches!(shape, Shape::Bell | Shape::Gaussian),
+            _ => shape == self.shape(),
         }
     }
 

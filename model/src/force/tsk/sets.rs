@@ -2,58 +2,34 @@
 //!
 //! ```text
 //! u      = (raw - mean) / std_dev
-//! g_j(u) = exp(-(u - c_j)^2 / (2 s_j^2))                          Gaussian
-//! g_j(u) = max(0, min((u - a_j)/(b_j - a_j), (d_j - u)/(d_j - b_j)))   triangle: feet a, d, peak b
-//! w_j(u) = g_j / sum_k g_k
+//! w_j(u) = g_j(u) / sum_k g_k(u)
 //! ```
 //!
-//! Strengths of Gaussians are computed relative to the strongest one. Far outside all of them the exponentials
-//! underflow and a plain quotient would be 0/0. Relative to the strongest, only one set counts: the nearest,
-//! or very far out the widest. Triangles become shoulders at the ends: the first is one below its peak, and
-//! the last is one above its peak. In a gap that no triangle covers, only the set with the nearest peak
-//! counts.
+//! [`TskSet`] has the functions g. The weights are defined everywhere:
+//!
+//! - Strengths of Gaussians are computed relative to the strongest one. Far outside all of them the exponentials
+//!   underflow and a plain quotient would be 0/0. Relative to the strongest, only one set counts: the nearest,
+//!   or very far out the widest. Two-sided Gaussians follow the same rule.
+//! - Bells fall as powers of the distance. Far outside, only the bells with the smallest exponent b count, and they
+//!   share the weight as a^(2 b). Where all of them underflow, their logarithms are compared instead.
+//! - Triangles become shoulders at the ends: the first is one below its peak, and the last is one above its peak. In a
+//!   gap that no triangle covers, only the set with the nearest peak counts.
+//! - Trapezoids have no shoulders at the ends. Where none of them is above zero, only the one with the nearest plateau
+//!   counts.
 
 use super::Signal;
+use super::set::{
+    NUMBERS, Shape, TskSet, bell_energy, bell_power, trapezoid, trapezoid_slopes, two_sided_energy,
+};
 use crate::error::{Error, ForceError};
 
 /// Largest number of memberships of one input.
 pub const MAX_SETS: usize = 5;
-/// Smallest sigma of a Gaussian, in standard deviations of its input. A narrower set is a spike between
-/// samples.
-const LEAST_SIGMA: f64 = 1e-6;
 /// Beyond this many standard deviations the weights are held constant: their differences would be lost to
 /// rounding.
 const FARTHEST: f64 = 1e6;
-
-/// One membership function, over the normalised input.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum TskSet {
-    /// exp(-(u - centre)^2 / (2 sigma^2)).
-    Gaussian {
-        /// Position of the maximum.
-        centre: f64,
-        /// Standard deviation.
-        sigma: f64,
-    },
-    /// One at the peak, zero at the feet, linear between.
-    Triangle {
-        /// Left foot; unused for the first set, which is a shoulder.
-        left: f64,
-        /// Position of the maximum.
-        peak: f64,
-        /// Right foot; unused for the last set.
-        right: f64,
-    },
-}
-
-/// Shape of an input's memberships.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
-    /// Gaussian bells.
-    Gaussian,
-    /// Triangles, with shoulders at the ends.
-    Triangle,
-}
+/// Below this sum of strengths, bells are compared by their logarithms.
+const LEAST_SUM: f64 = 1e-100;
 
 /// One input of a TSK model: the signal, its normalisation, its memberships.
 ///
@@ -76,8 +52,8 @@ pub struct TskInput {
     std_dev: f64,
     shape: Shape,
     len: usize,
-    /// Centre, sigma and zero; or left foot, peak, right foot.
-    pub(super) numbers: [[f64; 3]; MAX_SETS],
+    /// Numbers of each set, in the order of the fields of [`TskSet`].
+    pub(super) numbers: [[f64; NUMBERS]; MAX_SETS],
 }
 
 /// Weights of one input's sets, and their derivatives with respect to the sets' numbers.
@@ -87,7 +63,7 @@ pub(crate) struct Firing {
     pub(crate) weights: [f64; MAX_SETS],
     /// Derivative of g_j with respect to its own numbers, divided by sum_k g_k. Let A_j be the output of the
     /// rules of set j alone and F the output; then dF/dp_j = (A_j - F) times this.
-    pub(crate) slopes: [[f64; 3]; MAX_SETS],
+    pub(crate) slopes: [[f64; NUMBERS]; MAX_SETS],
 }
 
 impl TskInput {
@@ -109,7 +85,7 @@ impl TskInput {
             });
         };
         let shape = first.shape();
-        let mut numbers = [[0.0; 3]; MAX_SETS];
+        let mut numbers = [[0.0; NUMBERS]; MAX_SETS];
         for (j, (set, slot)) in sets.iter().zip(&mut numbers).enumerate() {
             if set.shape() != shape {
                 return Err(ForceError::MixedShapes { input: name.to_owned(), index: j }.into());
@@ -159,10 +135,7 @@ impl TskInput {
 
     /// The memberships.
     pub fn sets(&self) -> impl Iterator<Item = TskSet> + '_ {
-        self.numbers[..self.len].iter().map(|n| match self.shape {
-            Shape::Gaussian => TskSet::Gaussian { centre: n[0], sigma: n[1] },
-            Shape::Triangle => TskSet::Triangle { left: n[0], peak: n[1], right: n[2] },
-        })
+        self.numbers[..self.len].iter().map(|numbers| TskSet::of(self.shape, *numbers))
     }
 
     /// `raw`, in the signal's unit, normalised for the memberships.
@@ -199,7 +172,7 @@ impl TskInput {
         match self.shape {
             Shape::Gaussian => {
                 let mut nearest = f64::INFINITY;
-                for (strength, [centre, sigma, _]) in sets {
+                for (strength, [centre, sigma, ..]) in sets {
                     let distance = (u - centre) / sigma;
                     *strength = 0.5 * distance * distance;
                     nearest = nearest.min(*strength);
@@ -208,8 +181,24 @@ impl TskInput {
                     *strength = (nearest - *strength).exp();
                 }
             }
+            Shape::TwoSidedGaussian => self.relative(&mut strengths, u, two_sided_energy),
+            Shape::Bell => {
+                let mut sum = 0.0;
+                for (strength, numbers) in sets {
+                    *strength = 1.0 / (1.0 + bell_power(numbers, u));
+                    sum += *strength;
+                }
+                if sum < LEAST_SUM {
+                    self.relative(&mut strengths, u, bell_energy);
+                }
+            }
+            Shape::Trapezoid => {
+                for (strength, numbers) in sets {
+                    *strength = trapezoid(numbers, u);
+                }
+            }
             Shape::Triangle => {
-                for (j, (strength, [left, peak, right])) in sets.enumerate() {
+                for (j, (strength, [left, peak, right, _])) in sets.enumerate() {
                     let (foot, shoulder) =
                         if u <= *peak { (left, j == 0) } else { (right, j + 1 == self.len) };
                     *strength =
@@ -219,15 +208,37 @@ impl TskInput {
         }
         let sum: f64 = strengths[..self.len].iter().sum();
         if sum == 0.0 {
-            strengths[self.nearest_peak(u)] = 1.0;
+            strengths[self.nearest(u)] = 1.0;
             return (strengths, 1.0);
         }
         (strengths, sum)
     }
 
-    /// Index of the triangle whose peak is nearest to `u`.
-    fn nearest_peak(&self, u: f64) -> usize {
-        let distance = |j: usize| (u - self.numbers[j][1]).abs();
+    /// Strengths exp(-energy), relative to the strongest.
+    fn relative(
+        &self,
+        strengths: &mut [f64; MAX_SETS],
+        u: f64,
+        energy: impl Fn(&[f64; NUMBERS], f64) -> f64,
+    ) {
+        let mut nearest = f64::INFINITY;
+        for (strength, numbers) in strengths.iter_mut().zip(&self.numbers[..self.len]) {
+            *strength = energy(numbers, u);
+            nearest = nearest.min(*strength);
+        }
+        for strength in &mut strengths[..self.len] {
+            *strength = (nearest - *strength).exp();
+        }
+    }
+
+    /// Index of the triangle whose peak, or of the trapezoid whose plateau, is nearest to `u`.
+    fn nearest(&self, u: f64) -> usize {
+        // A triangle is a trapezoid with a plateau of no width at its peak.
+        let distance = |j: usize| {
+            let [_, b, c, _] = self.numbers[j];
+            let c = if self.shape == Shape::Trapezoid { c } else { b };
+            (b.min(c) - u).max(u - b.max(c))
+        };
         (1..self.len).fold(0, |best, j| if distance(j) < distance(best) { j } else { best })
     }
 
@@ -240,14 +251,23 @@ impl TskInput {
             *weight /= sum;
             // A single set always has weight one, and a set that does not fire has slope zero.
             if self.len > 1 && *weight > 0.0 {
+                let numbers = &self.numbers[j];
                 firing.slopes[j] = match self.shape {
                     Shape::Gaussian => {
-                        let [centre, sigma, _] = self.numbers[j];
+                        let [centre, sigma, ..] = numbers;
                         let distance = (u - centre) / sigma;
                         let slope = *weight * distance / sigma;
-                        [slope, slope * distance, 0.0]
+                        [slope, slope * distance, 0.0, 0.0]
                     }
+                    Shape::TwoSidedGaussian => {
+                        let [s1, c1, s2, c2] = numbers;
+                        let (left, right) = (((c1 - u) / s1).max(0.0), ((u - c2) / s2).max(0.0));
+                        [left * left / s1, -left / s1, right * right / s2, right / s2]
+                            .map(|slope| *weight * slope)
+                    }
+                    Shape::Bell => bell_slopes(numbers, u, *weight),
                     Shape::Triangle => self.side_slopes(j, u).map(|slope| slope / sum),
+                    Shape::Trapezoid => trapezoid_slopes(numbers, u).map(|slope| slope / sum),
                 };
             }
         }
@@ -255,65 +275,34 @@ impl TskInput {
     }
 
     /// Derivatives of triangle j with respect to its left foot, peak and right foot.
-    fn side_slopes(&self, j: usize, u: f64) -> [f64; 3] {
-        let [left, peak, right] = self.numbers[j];
+    fn side_slopes(&self, j: usize, u: f64) -> [f64; NUMBERS] {
+        let [left, peak, right, _] = self.numbers[j];
         if u <= peak && j > 0 && left < u {
             // (u - a) / (b - a)
-            [u - peak, left - u, 0.0].map(|slope| slope / (peak - left).powi(2))
+            [u - peak, left - u, 0.0, 0.0].map(|slope| slope / (peak - left).powi(2))
         } else if u > peak && j + 1 < self.len && u < right {
             // (d - u) / (d - b)
-            [0.0, right - u, u - peak].map(|slope| slope / (right - peak).powi(2))
+            [0.0, right - u, u - peak, 0.0].map(|slope| slope / (right - peak).powi(2))
         } else {
-            [0.0; 3]
+            [0.0; NUMBERS]
         }
     }
 }
 
-impl TskSet {
-    /// The shape.
-    #[must_use]
-    pub const fn shape(&self) -> Shape {
-        match self {
-            Self::Gaussian { .. } => Shape::Gaussian,
-            Self::Triangle { .. } => Shape::Triangle,
-        }
+/// Derivatives of a bell with respect to its numbers, times `weight` / g:
+///
+/// ```text
+/// dg/da = (2 b/a) g (1 - g),   dg/db = -2 ln|(u - c)/a| g (1 - g),   dg/dc = 2 b/(u - c) g (1 - g)
+/// ```
+///
+/// At the centre all three are zero; with b of at most 1/2, where dg/dc has no limit, zero is its mean of both sides.
+fn bell_slopes(numbers: &[f64; NUMBERS], u: f64, weight: f64) -> [f64; NUMBERS] {
+    let [a, b, c, _] = *numbers;
+    let distance = u - c;
+    if distance == 0.0 {
+        return [0.0; NUMBERS];
     }
-
-    /// Position of the maximum: the centre or the peak.
-    #[must_use]
-    pub const fn top(&self) -> f64 {
-        match *self {
-            Self::Gaussian { centre, .. } => centre,
-            Self::Triangle { peak, .. } => peak,
-        }
-    }
-
-    const fn numbers(&self) -> [f64; 3] {
-        match *self {
-            Self::Gaussian { centre, sigma } => [centre, sigma, 0.0],
-            Self::Triangle { left, peak, right } => [left, peak, right],
-        }
-    }
-
-    /// Checks the numbers. The outer foot of a shoulder may equal its peak.
-    fn check(&self, name: &str, left_counts: bool, right_counts: bool) -> Result<(), Error> {
-        match *self {
-            Self::Gaussian { centre, sigma } => {
-                Error::check(&format!("{name}.centre"), centre, "finite", |_| true)?;
-                Error::check(&format!("{name}.sigma"), sigma, "finite and at least 1e-6", |s| {
-                    s >= LEAST_SIGMA
-                })?;
-            }
-            Self::Triangle { left, peak, right } => {
-                Error::check(&format!("{name}.peak"), peak, "finite", |_| true)?;
-                Error::check(&format!("{name}.left"), left, "below the peak", |l| {
-                    l < peak || (l == peak && !left_counts)
-                })?;
-                Error::check(&format!("{name}.right"), right, "above the peak", |r| {
-                    r > peak || (r == peak && !right_counts)
-                })?;
-            }
-        }
-        Ok(())
-    }
+    // 1 - g, which neither overflows nor cancels.
+    let slope = weight / (1.0 + 1.0 / bell_power(numbers, u));
+    [2.0 * b / a * slope, -2.0 * (distance / a).abs().ln() * slope, 2.0 * b / distance * slope, 0.0]
 }

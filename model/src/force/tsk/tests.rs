@@ -10,7 +10,7 @@ const AMPERES: DriveKind = DriveKind::CoilCurrent;
 #[derive(Clone)]
 struct Plain<T> {
     shapes: Vec<Shape>,
-    sets: Vec<Vec<[T; 3]>>,
+    sets: Vec<Vec<[T; NUMBERS]>>,
     conclusions: Vec<T>,
 }
 
@@ -18,11 +18,28 @@ impl<T: DualNum<Primitive = f64> + Copy> Plain<T> {
     /// Normalised output: products, their sum, and the quotient, without protection against underflow.
     fn output(&self, u: &[f64]) -> T {
         let strength = |i: usize, j: usize| -> T {
-            let [a, b, c] = self.sets[i][j];
+            let [a, b, c, d] = self.sets[i][j];
             let last = self.sets[i].len() - 1;
             let u = T::from(u[i]);
+            let half_square = |distance: T, sigma: T| distance * distance / (sigma * sigma * T::from(2.0));
             match self.shapes[i] {
-                Shape::Gaussian => (-((u - a) * (u - a)) / (b * b * T::from(2.0))).exp(),
+                Shape::Gaussian => (-half_square(u - a, b)).exp(),
+                Shape::Bell => {
+                    // |z|^(2 b) of a base and an exponent that both have a derivative.
+                    let z = (u - c) / a;
+                    let z = if z.re() < 0.0 { -z } else { z };
+                    T::one() / (T::one() + (z.ln() * b * T::from(2.0)).exp())
+                }
+                Shape::TwoSidedGaussian => {
+                    let left = if u.re() <= b.re() { (-half_square(u - b, a)).exp() } else { T::one() };
+                    let right = if u.re() >= d.re() { (-half_square(u - d, c)).exp() } else { T::one() };
+                    left * right
+                }
+                Shape::Trapezoid => {
+                    let [rise, fall] = [(u - a) / (b - a), (d - u) / (d - c)];
+                    let least = if rise.re() < fall.re() { rise } else { fall };
+                    positive(if least.re() < 1.0 { least } else { T::one() })
+                }
                 Shape::Triangle if u.re() <= b.re() => {
                     if j == 0 {
                         T::one()
@@ -81,6 +98,24 @@ fn random_model(counts: &[usize], shape: Shape, order: Order, seed: u64) -> Tsk 
                         peak: peaks[j],
                         right: peaks[j] + uniform(1.6, 2.0),
                     },
+                    Shape::Bell => TskSet::Bell {
+                        half_width: uniform(0.5, 1.0),
+                        exponent: uniform(0.6, 3.0),
+                        centre: peaks[j],
+                    },
+                    // Shoulders and centres in either order; the outer sets reach beyond the inputs of the tests.
+                    Shape::Trapezoid => TskSet::Trapezoid {
+                        left_foot: peaks[j] - if j == 0 { 90.0 } else { uniform(1.6, 2.0) },
+                        left_shoulder: peaks[j] + uniform(-0.5, 0.2),
+                        right_shoulder: peaks[j] + uniform(-0.2, 0.5),
+                        right_foot: peaks[j] + if j + 1 == n { 90.0 } else { uniform(1.6, 2.0) },
+                    },
+                    Shape::TwoSidedGaussian => TskSet::TwoSidedGaussian {
+                        left_sigma: uniform(0.5, 1.0),
+                        left_centre: peaks[j] + uniform(-0.4, 0.4),
+                        right_sigma: uniform(0.5, 1.0),
+                        right_centre: peaks[j] + uniform(-0.4, 0.4),
+                    },
                 })
                 .collect();
             TskInput::new(signal, uniform(-0.01, 0.01), uniform(0.5, 2.0), &sets).expect("an input")
@@ -123,19 +158,23 @@ fn normalised(model: &Tsk, inputs: &Inputs) -> Vec<f64> {
     model.inputs().iter().map(|input| input.normalise(input.signal().of(inputs))).collect()
 }
 
-const STRUCTURES: [(&[usize], Shape, Order); 6] = [
+const STRUCTURES: [(&[usize], Shape, Order); 10] = [
     (&[3, 3, 3], Shape::Gaussian, Order::First),
     (&[2, 4, 3], Shape::Gaussian, Order::First),
     (&[5, 5, 5], Shape::Triangle, Order::Constant),
     (&[3, 3], Shape::Gaussian, Order::First),
     (&[4, 3], Shape::Triangle, Order::First),
     (&[5], Shape::Gaussian, Order::Constant),
+    (&[3, 2, 4], Shape::Bell, Order::First),
+    (&[5, 4], Shape::Bell, Order::Constant),
+    (&[3, 3, 2], Shape::Trapezoid, Order::First),
+    (&[4, 3], Shape::TwoSidedGaussian, Order::First),
 ];
 
 proptest! {
     #[test]
     fn force_and_gradient_agree_with_automatic_differentiation(
-        structure in 0_usize..6, seed in 0_u64..1000, x in -3.0..3.0, v in -3.0..3.0, i in -3.0..3.0,
+        structure in 0..STRUCTURES.len(), seed in 0_u64..1000, x in -3.0..3.0, v in -3.0..3.0, i in -3.0..3.0,
     ) {
         let (counts, shape, order) = STRUCTURES[structure];
         let model = random_model(counts, shape, order, seed);
@@ -155,7 +194,7 @@ proptest! {
         };
         for (input, sets) in dual.sets.iter().enumerate() {
             for set in 0..sets.len() {
-                for number in 0..3 {
+                for number in 0..NUMBERS {
                     let mut seeded = dual.clone();
                     seeded.sets[input][set][number].eps = 1.0;
                     check(gradient.sets[input][set][number], seeded)?;
@@ -171,7 +210,7 @@ proptest! {
 
     #[test]
     fn weights_are_nonnegative_and_sum_to_one_everywhere(u in proptest::num::f64::NORMAL, seed in 0_u64..50) {
-        for shape in [Shape::Gaussian, Shape::Triangle] {
+        for shape in Shape::ALL {
             let model = random_model(&[4, 5, 1], shape, Order::Constant, seed);
             for input in model.inputs() {
                 let weights = input.weights(u);
@@ -189,7 +228,7 @@ fn far_outside_only_the_outermost_set_counts() {
         for centre in [-1.0, 0.0, 1.0] {
             sets.push(match shape {
                 Shape::Gaussian => TskSet::Gaussian { centre, sigma: 0.4 },
-                Shape::Triangle => TskSet::Triangle { left: centre - 1.0, peak: centre, right: centre + 1.0 },
+                _ => TskSet::Triangle { left: centre - 1.0, peak: centre, right: centre + 1.0 },
             });
         }
         let input = TskInput::new(Signal::Velocity, 0.0, 1.0, &sets).expect("an input");
@@ -207,7 +246,79 @@ fn in_a_gap_between_triangles_the_nearest_peak_counts() {
     assert_eq!(input.weights(-0.6)[..3], [1.0, 0.0, 0.0]);
     assert_eq!(input.weights(-0.4)[..3], [0.0, 1.0, 0.0]);
     assert_eq!(input.weights(0.05)[..3], [0.0, 1.0, 0.0]);
-    assert_eq!(input.fire(0.4).slopes, [[0.0; 3]; MAX_SETS]);
+    assert_eq!(input.fire(0.4).slopes, [[0.0; NUMBERS]; MAX_SETS]);
+}
+
+#[test]
+fn far_outside_all_bells_the_weights_are_their_limit() {
+    let bell = |half_width, exponent, centre| TskSet::Bell { half_width, exponent, centre };
+    let input = |sets: &[TskSet]| TskInput::new(Signal::Velocity, 0.0, 1.0, sets).expect("an input");
+    // Equal exponents: g -> (a / distance)^(2 b), so the weights are as a^4: 1 to 16.
+    let equal = input(&[bell(1.0, 2.0, -1.0), bell(2.0, 2.0, 1.0)]);
+    // The smallest exponent falls slowest.
+    let unequal = input(&[bell(1.0, 1.0, -1.0), bell(1.0, 2.0, 1.0)]);
+    // |z|^(2 b) overflows and all strengths are zero, although the nearer one is by far the larger.
+    let steep = input(&[bell(1e-3, 400.0, -1.0), bell(1e-3, 400.0, 1.0)]);
+    for u in [-1e300, -1e9, 1e9, 1e300] {
+        let weights = equal.weights(u);
+        assert!((weights[1] / weights[0] - 16.0).abs() < 1e-3, "{weights:?}");
+        assert!(unequal.weights(u)[0] > 1.0 - 1e-9);
+    }
+    // (9 / 11)^800 = 1.9048e-70
+    for (u, far) in [(10.0, 0), (-10.0, 1)] {
+        let weights = steep.weights(u);
+        assert!(
+            (weights[far] / 1.904_844_046_5e-70 - 1.0).abs() < 1e-9 && weights[1 - far] == 1.0,
+            "{weights:?}"
+        );
+    }
+    assert_eq!(steep.weights(0.0)[..2], [0.5, 0.5]);
+    // The two ways to compute the weights agree where both work: strengths of about 1e-100 on both sides of the limit.
+    let both = input(&[bell(1.0, 50.0, 0.0), bell(1.0, 49.0, 0.5)]);
+    for u in [9.0, 9.9, 10.1, 11.0, 12.0] {
+        let expected = 1.0 / (1.0 + f64::powf(u, 100.0) / f64::powf(u - 0.5, 98.0));
+        let found = both.weights(u)[0];
+        assert!((found / expected - 1.0).abs() < 1e-9, "{u}: {found} {expected}");
+    }
+}
+
+#[test]
+fn between_and_outside_trapezoids_the_nearest_plateau_counts() {
+    let set = |left_foot, left_shoulder, right_shoulder, right_foot| TskSet::Trapezoid {
+        left_foot,
+        left_shoulder,
+        right_shoulder,
+        right_foot,
+    };
+    // The first has vertical sides, the last two cross below one.
+    let sets = [set(-3.0, -3.0, -2.0, -2.0), set(-1.0, 0.5, 0.0, 1.5), set(2.0, 3.0, 2.5, 4.0)];
+    let input = TskInput::new(Signal::Velocity, 0.0, 1.0, &sets).expect("an input");
+    for (u, expected) in [
+        (-9.0, [1.0, 0.0, 0.0]),
+        (-3.0, [1.0, 0.0, 0.0]),
+        (-2.0, [1.0, 0.0, 0.0]),
+        (-1.2, [1.0, 0.0, 0.0]),
+        (-0.9, [0.0, 1.0, 0.0]),
+        (1.6, [0.0, 0.0, 1.0]),
+        (1e300, [0.0, 0.0, 1.0]),
+    ] {
+        assert_eq!(input.weights(u)[..3], expected, "{u}");
+    }
+}
+
+#[test]
+fn a_model_of_atray_has_bells_or_gaussians() {
+    let output = OutputScale { mean_n: 0.0, std_dev_n: 1.0 };
+    let model = |shape: Shape| {
+        let like = random_model(&[3, 2, 4], shape, Order::First, 1);
+        Tsk::new(TskKind::Atray, like.inputs(), Order::First, like.conclusions(), output, 0.0)
+    };
+    // 24 rules of four numbers; nine memberships.
+    assert_eq!(model(Shape::Bell).expect("bells").parameter_count(), 96 + 27);
+    assert_eq!(model(Shape::Gaussian).expect("Gaussians").parameter_count(), 96 + 18);
+    for shape in [Shape::Triangle, Shape::Trapezoid, Shape::TwoSidedGaussian] {
+        assert!(model(shape).expect_err("another shape").to_string().contains("do not match tsk-324"));
+    }
 }
 
 #[test]
@@ -241,6 +352,23 @@ fn errors_name_the_field() {
     assert!(
         message(&[triangle(0.0, 1.0, 1.0), triangle(1.0, 2.0, 3.0)]).contains("velocity_sets[0].right is 1")
     );
+    let bell = |half_width, exponent| TskSet::Bell { half_width, exponent, centre: 0.0 };
+    assert!(message(&[bell(0.0, 1.0)]).contains("velocity_sets[0].half_width is 0"));
+    assert!(message(&[bell(1.0, 0.0)]).contains("velocity_sets[0].exponent is 0"));
+    assert!(message(&[bell(1.0, f64::INFINITY)]).contains("velocity_sets[0].exponent is inf"));
+    let trapezoid = |n: [f64; 4]| TskSet::of(Shape::Trapezoid, n);
+    for (numbers, field) in [
+        ([f64::NAN, 1.0, 2.0, 3.0], "left_foot is NaN"),
+        ([1.0, 0.5, 2.0, 3.0], "left_shoulder is 0.5"),
+        ([0.0, 1.0, 3.5, 3.0], "right_shoulder is 3.5"),
+        ([0.0, 0.0, 0.0, 0.0], "right_foot is 0"),
+    ] {
+        let message = message(&[trapezoid(numbers)]);
+        assert!(message.contains(&format!("velocity_sets[0].{field}")), "{message}");
+    }
+    let two_sided = |n: [f64; 4]| TskSet::of(Shape::TwoSidedGaussian, n);
+    assert!(message(&[two_sided([0.0, 1.0, 1.0, 2.0])]).contains("velocity_sets[0].left_sigma is 0"));
+    assert!(message(&[two_sided([1.0, 1.0, -1.0, 2.0])]).contains("velocity_sets[0].right_sigma is -1"));
     let scale = TskInput::new(Signal::Drive(AMPERES), 0.0, 0.0, &[gaussian(0.0, 1.0)]);
     assert!(scale.expect_err("no scale").to_string().contains("drive_std_dev_a is 0"));
 

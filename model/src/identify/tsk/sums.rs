@@ -15,7 +15,7 @@
 
 use super::premises::Link;
 use crate::force::tsk::Firing;
-use crate::force::{MAX_INPUTS, MAX_SETS, Shape, TskInput};
+use crate::force::{MAX_INPUTS, MAX_SETS, TskInput};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -112,7 +112,7 @@ impl Sums<'_> {
     }
 
     /// Calls `one` for every chunk, in order; `None` if cancelled.
-    fn chunks<T: Send>(&self, one: impl Fn(usize, Range<usize>) -> T + Sync) -> Option<Vec<T>> {
+    pub(super) fn chunks<T: Send>(&self, one: impl Fn(usize, Range<usize>) -> T + Sync) -> Option<Vec<T>> {
         let mut work = Vec::new();
         for (run, rows) in self.runs.iter().enumerate() {
             let len = rows.target.len();
@@ -233,7 +233,7 @@ impl Sums<'_> {
 
     /// Weights of the rules: products of the inputs' weights.
     #[inline]
-    fn outer(&self, w: &[[f64; MAX_SETS]; MAX_INPUTS], rules: &mut [f64]) {
+    pub(super) fn outer(&self, w: &[[f64; MAX_SETS]; MAX_INPUTS], rules: &mut [f64]) {
         let [n0, n1, n2] = self.counts;
         let mut rules = rules.chunks_exact_mut(n2);
         for w0 in &w[0][..n0] {
@@ -377,7 +377,7 @@ impl Sums<'_> {
 
     /// The output, and for each set the output of the rules under it alone.
     #[inline]
-    fn under(
+    pub(super) fn under(
         &self,
         firing: &[Firing; MAX_INPUTS],
         functions: &[f64],
@@ -405,14 +405,9 @@ impl Sums<'_> {
     }
 }
 
-/// True if most rules have zero weight for memberships of this shape.
-pub(super) fn is_sparse(shape: Shape) -> bool {
-    shape == Shape::Triangle
-}
-
 /// The first `width` - 1 inputs, followed by 1.
 #[inline]
-fn regressors(u: &[f64; MAX_INPUTS], width: usize) -> [f64; MAX_INPUTS + 1] {
+pub(super) fn regressors(u: &[f64; MAX_INPUTS], width: usize) -> [f64; MAX_INPUTS + 1] {
     let mut z = [1.0; MAX_INPUTS + 1];
     z[..width - 1].copy_from_slice(&u[..width - 1]);
     z
@@ -430,7 +425,7 @@ fn weights(inputs: &[TskInput], u: &[f64; MAX_INPUTS]) -> [[f64; MAX_SETS]; MAX_
 
 /// Weights of all inputs, and their slopes.
 #[inline]
-fn fire(inputs: &[TskInput], u: &[f64; MAX_INPUTS]) -> [Firing; MAX_INPUTS] {
+pub(super) fn fire(inputs: &[TskInput], u: &[f64; MAX_INPUTS]) -> [Firing; MAX_INPUTS] {
     let mut firing = [Firing { weights: [1.0; MAX_SETS], ..Firing::default() }; MAX_INPUTS];
     for ((firing, input), u) in firing.iter_mut().zip(inputs).zip(u) {
         *firing = input.fire(*u);

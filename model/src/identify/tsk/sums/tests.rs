@@ -1,7 +1,8 @@
 //! Compares the sums with row-by-row sums of the equations, and slopes with numerical differences.
 
 use super::*;
-use crate::force::{Signal, TskSet};
+use crate::force::tsk::NUMBERS;
+use crate::force::{Shape, Signal, TskSet};
 use crate::sample::DriveKind;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -9,27 +10,27 @@ use rand_pcg::Pcg64Mcg;
 static GO_ON: AtomicBool = AtomicBool::new(false);
 
 /// Numbers of `count` sets of one shape, evenly over -1 to 1, placed so that no row lies exactly on a peak.
-fn sets(shape: Shape, count: usize) -> Vec<[f64; 3]> {
+fn sets(shape: Shape, count: usize) -> Vec<[f64; NUMBERS]> {
     let spacing = 2.0 / (count.max(2) - 1) as f64;
     let peak = |j: usize| -1.0 + spacing * j as f64 + 0.03;
-    match shape {
-        Shape::Gaussian => (0..count).map(|j| [peak(j), 0.7 * spacing, 0.0]).collect(),
-        Shape::Triangle => (0..count).map(|j| [peak(j) - spacing, peak(j), peak(j) + spacing]).collect(),
-    }
+    let one = |j: usize| match shape {
+        Shape::Gaussian => [peak(j), 0.7 * spacing, 0.0, 0.0],
+        Shape::Bell => [0.6 * spacing, 1.7, peak(j), 0.0],
+        Shape::Triangle => [peak(j) - spacing, peak(j), peak(j) + spacing, 0.0],
+        other => panic!("{} is not trained", other.name()),
+    };
+    (0..count).map(one).collect()
 }
 
-fn input(signal: Signal, shape: Shape, numbers: &[[f64; 3]]) -> TskInput {
-    let set = |n: &[f64; 3]| match shape {
-        Shape::Gaussian => TskSet::Gaussian { centre: n[0], sigma: n[1] },
-        Shape::Triangle => TskSet::Triangle { left: n[0], peak: n[1], right: n[2] },
-    };
+fn input(signal: Signal, shape: Shape, numbers: &[[f64; NUMBERS]]) -> TskInput {
+    let set = |n: &[f64; NUMBERS]| TskSet::of(shape, *n);
     TskInput::new(signal, 0.0, 1.0, &numbers.iter().map(set).collect::<Vec<_>>()).expect("an input")
 }
 
 /// A problem with the given number of sets per input, and `width` numbers per conclusion.
 struct Problem {
     shape: Shape,
-    numbers: Vec<Vec<[f64; 3]>>,
+    numbers: Vec<Vec<[f64; NUMBERS]>>,
     sums: Sums<'static>,
 }
 
@@ -55,7 +56,7 @@ impl Problem {
             runs: runs.to_vec(),
             counts,
             width,
-            sparse: is_sparse(shape),
+            sparse: shape == Shape::Triangle,
             parallel: false,
             cancel: &GO_ON,
         };
@@ -103,8 +104,9 @@ fn alike(what: &str, found: &[f64], expected: &[f64], tolerance: f64) {
     assert!(off < tolerance * size, "{what}: {off:.1e} of {size:.1e}");
 }
 
-fn problems() -> [Problem; 5] {
+fn problems() -> [Problem; 6] {
     [
+        Problem::new(Shape::Bell, &[3, 2, 4], 4),
         Problem::new(Shape::Gaussian, &[3, 2, 4], 4),
         Problem::new(Shape::Gaussian, &[4, 3], 3),
         Problem::new(Shape::Gaussian, &[2, 3, 2], 1),
@@ -142,7 +144,7 @@ fn sums_for_the_conclusions_match_row_by_row_sums() {
 fn sums_for_the_memberships_match_numerical_differences() {
     for mut problem in problems() {
         // Each number of each set; two of them share one parameter; with factors.
-        let numbers = if problem.shape == Shape::Gaussian { 2 } else { 3 };
+        let numbers = problem.shape.width();
         let mut links = Vec::new();
         for (input, sets) in problem.numbers.iter().enumerate() {
             for set in 0..sets.len() {
