@@ -107,7 +107,7 @@ pub fn identify_inverse(
         None => {
             let exchanged = [exchanged(&datasets, &offsets_n)];
             let drive = Some(DriveKind::CoilCurrent);
-            let fitted = fit_tsk(&exchanged, TskKind::WangHu, drive, &TskOptions::of(options), watch)?;
+            let fitted = fit_tsk(&exchanged, TskKind::WangHu, drive, &TskOptions::of(options, None), watch)?;
             InverseFuzzy::of_exchanged(&fitted.model)?.map(InverseModel::Fuzzy)
         }
     };

@@ -129,7 +129,7 @@ impl InverseFuzzy {
 fn axis(input: &TskInput) -> Option<FuzzyAxis> {
     let numbers = |set| match set {
         TskSet::Gaussian { centre, sigma } => Some((centre, sigma)),
-        TskSet::Triangle { .. } => None,
+        _ => None,
     };
     let sets: Option<Vec<(f64, f64)>> = input.sets().map(numbers).collect();
     let [a, b, c] = sets?.try_into().ok()?;
