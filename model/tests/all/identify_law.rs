@@ -262,3 +262,60 @@ fn hubers_loss_makes_the_swarm_robust_against_outliers() {
     assert!((offset_n(Loss::Squares) - 185.0).abs() < 10.0);
     assert!((offset_n(Loss::Huber { threshold_n: 20.0 }) - 35.0).abs() < 15.0);
 }
+
+/// The force of a run, made by a formula of displacement, velocity and drive.
+fn run_of(force_n: fn(f64, f64, f64) -> f64) -> Run {
+    let drive = |t: f64| 0.5 + 0.5 * (1.7 * t).sin();
+    let mut made = run(Recipe { drive, seed: 5, ..Recipe::default() }, KIND, |_, _, _| 0.0);
+    let rows =
+        Dataset::from_run(&made, &options().conditioning, &DatasetOptions::default()).expect("rows").rows;
+    let trace = made.force_n.as_mut().expect("made");
+    let skipped = trace.values.len() - rows.len();
+    for (value, row) in trace.values[skipped..].iter_mut().zip(&rows) {
+        *value = force_n(row.displacement_m, row.velocity_m_s, row.drive);
+    }
+    made
+}
+
+/// The equation of Kwok et al. with every parameter linear in the current, as printed: coefficients (a + b i).
+#[test]
+fn kwok_linear_in_the_current_finds_the_coefficients_of_the_printed_equation() {
+    let printed = |x: f64, v: f64, i: f64| {
+        let (c, k, alpha) = (600.0 + 400.0 * i, 1500.0 - 500.0 * i, 250.0 + 500.0 * i);
+        let (beta, delta) = (40.0 + 8.0 * i, 0.5 + 0.2 * i);
+        let sign = if x > 0.0 { 1.0 } else { -1.0 };
+        c * v + k * x + alpha * (beta * v + delta * sign).tanh() + 12.0
+    };
+    let spec = ModelSpec::new(Structure::Law(ForceLaw::Kwok), Form::SemiActive).expect("a form");
+    let linear = spec.with_variant(Variant::Linear).expect("a variant");
+    // The variant prescribes the degree, whatever the options say.
+    let options = Options { degree: 3, ..options() };
+    let found = identify(linear, &[run_of(printed)], &options, &Watch::none()).expect("identified");
+    let ForceModel::Law(model) = found.model.force else { panic!("a law") };
+    assert_eq!(model.dependence().copies(), 2);
+    let truth = [600.0, 1500.0, 250.0, 40.0, 0.5, 400.0, -500.0, 500.0, 8.0, 0.2];
+    for (found, truth) in model.coefficients().iter().zip(truth) {
+        assert!((found / truth - 1.0).abs() < 1e-4, "{found} {truth}");
+    }
+}
+
+#[test]
+fn polynomials_of_degree_five_are_fitted_and_evaluated() {
+    fn damping(i: f64) -> f64 {
+        700.0 + 300.0 * i - 200.0 * i.powi(2) + 150.0 * i.powi(3) - 90.0 * i.powi(4) + 60.0 * i.powi(5)
+    }
+    let force_n = |_: f64, v: f64, i: f64| damping(i) * v;
+    let spec = ModelSpec::new(Structure::Law(ForceLaw::Linear), Form::SemiActive).expect("a form");
+    let options = Options { degree: 5, ..options() };
+    let found = identify(spec, &[run_of(force_n)], &options, &Watch::none()).expect("identified");
+    let ForceModel::Law(model) = found.model.force else { panic!("a law") };
+    assert_eq!(model.dependence().copies(), 6);
+    for i in [0.0, 0.3, 0.7, 1.0] {
+        // Damping and stiffness of each power of the drive.
+        let found = (0..6).map(|power| model.coefficients()[2 * power] * i.powi(power as i32)).sum::<f64>();
+        assert!((found / damping(i) - 1.0).abs() < 1e-6, "{i} A: {found}");
+    }
+    let options = Options { degree: 6, ..options };
+    let refused = identify(spec, &[run_of(force_n)], &options, &Watch::none()).expect_err("too high");
+    assert!(refused.to_string().contains("degree is 6, but must be 1 to 5"), "{refused}");
+}

@@ -29,8 +29,9 @@ pub(super) struct PaperRun {
     pub(super) data: Dataset,
 }
 
+/// Its inputs begin one sample back, as in equation 5 of the paper.
 const NARX: ThesisModel =
-    ThesisModel { name: "arx", structure: Structure::Arx, predictor: Predictor::OneStep };
+    ThesisModel { name: "arx-delayed", structure: Structure::ArxDelayed, predictor: Predictor::OneStep };
 const MODELS: [(ThesisModel, &str); 3] = [(NARX, "NARX"), (SP, "S-P"), (P, "P")];
 
 /// Experiments on which the current varies within a run: the first five.
@@ -162,6 +163,14 @@ fn percent(fits: &[Fitted], model: &str, form: Form, experiment: usize) -> Vec<f
     of.filter_map(|fit| Some(100.0 * fit.esr?)).collect()
 }
 
+/// The name of a model among the published figures.
+const fn published_name(model: ThesisModel) -> &'static str {
+    match model.structure {
+        Structure::ArxDelayed => "arx",
+        _ => model.name,
+    }
+}
+
 fn table(fits: &[Fitted], number: &str, form: Form, experiments: usize) -> Item {
     let mut rows = Vec::new();
     for (model, words) in MODELS {
@@ -169,9 +178,7 @@ fn table(fits: &[Fitted], number: &str, form: Form, experiments: usize) -> Item 
             let here = percent(fits, model.name, form, experiment);
             rows.push(ComparedFigure {
                 of: vec![words.to_owned(), experiment.to_string()],
-                published: published::first_paper_esr("arx", form, experiment)
-                    .filter(|_| model.name == NARX.name)
-                    .or_else(|| published::first_paper_esr(model.name, form, experiment))
+                published: published::first_paper_esr(published_name(model), form, experiment)
                     // The tables print tenths of a per cent.
                     .map(|esr| (1e3 * esr).round() / 10.0),
                 here: (!here.is_empty()).then(|| here.iter().sum::<f64>() / here.len() as f64),
