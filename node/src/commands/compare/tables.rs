@@ -48,7 +48,7 @@ fn identification(text: &mut String, done: &ComparisonResult, predictor: Predict
     let one_step = predictor == Predictor::OneStep;
     let _ = write!(
         text,
-        "  {:<14} {:<12} {:<12} {:>9} {:>8} {:>8}",
+        "  {:<24} {:<12} {:<12} {:>9} {:>8} {:>8}",
         "model", "form", "experiment", "RMSE N", "lbf", "NMSE"
     );
     let _ = write!(text, "{}", if one_step { "  persistence" } else { "" });
@@ -58,7 +58,7 @@ fn identification(text: &mut String, done: &ComparisonResult, predictor: Predict
         for figure in finished.identification.iter().filter(|f| f.predictor == predictor) {
             let _ = write!(
                 text,
-                "  {:<14} {:<12} {:<12} {} {} {}",
+                "  {:<24} {:<12} {:<12} {} {} {}",
                 finished.model,
                 finished.form,
                 finished.trained_on,
@@ -94,7 +94,7 @@ fn identification(text: &mut String, done: &ComparisonResult, predictor: Predict
 fn cross_validation(text: &mut String, done: &ComparisonResult, predictor: Predictor, times: &[StepTime]) {
     let _ = write!(
         text,
-        "  {:<14} {:<12} {:<12} {:>9} {:>9} {:>8} {:>11} {:>8}",
+        "  {:<24} {:<12} {:<12} {:>9} {:>9} {:>8} {:>11} {:>8}",
         "model", "form", "best on", "mean NMSE", "RMSE N", "lbf", "median NMSE", "ns/step"
     );
     let published = done.published.is_some();
@@ -110,7 +110,7 @@ fn cross_validation(text: &mut String, done: &ComparisonResult, predictor: Predi
         let rsse_n = mean(|p| p.rsse_n);
         let _ = writeln!(
             text,
-            "  {:<14} {:<12} {:<12} {} {} {}",
+            "  {:<24} {:<12} {:<12} {} {} {}",
             "persistence",
             "",
             "",
@@ -126,7 +126,7 @@ fn cross_validation_line(summary: &Summary, done: &ComparisonResult, times: &[St
     let rsse_n = best.and_then(|row| row.mean_rsse_n);
     let time = times.iter().find(|t| t.model == class.model && t.form == class.form);
     let mut line = format!(
-        "  {:<14} {:<12} {:<12} {} {} {} {} {}",
+        "  {:<24} {:<12} {:<12} {} {} {} {} {}",
         class.model,
         class.form,
         best.map_or("-", |row| &row.trained_on),
