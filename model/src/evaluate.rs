@@ -215,6 +215,20 @@ fn missing(run: &Run, channel: &'static str, needed_by: &str) -> Error {
 
 /// Checks that `run` has the channels that `model` needs to compute a force.
 ///
+/// ```
+/// use mr_damper_model::evaluate::require_inputs;
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+/// use mr_damper_model::sample::Run;
+///
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 1.0), &Plant::default(), &Channels::default(), 1);
+/// let model = preset::load(preset::BEST_FUZZY_TANH)?;
+/// require_inputs(&model, &Run { force_n: None, ..run.clone() })?;
+/// let without_current = require_inputs(&model, &Run { drive: None, ..run }).unwrap_err();
+/// assert!(without_current.to_string().contains("has no current_a"));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::MissingChannel`] and [`Error::WrongDrive`].
 pub fn require_inputs(model: &Model, run: &Run) -> Result<(), Error> {

@@ -149,6 +149,22 @@ pub fn score_phase(phase: &Phase, dataset: &Dataset, options: &PhaseOptions) -> 
 
 /// The force in newtons by which `phase` explains each counted row of `dataset` that has force on both sides, with the index of the row.
 /// The mean force of the run, which the relation leaves out, is added. The drive of the run must be that of the relation.
+///
+/// ```
+/// use mr_damper_model::condition::Conditioning;
+/// use mr_damper_model::identify::{Dataset, DatasetOptions, PhaseOptions, explained_n, identify_phase, Watch};
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 4.0), &Plant::default(), &Channels::default(), 1);
+/// let data = Dataset::from_run(&run, &Conditioning::THESIS, &DatasetOptions::default())?;
+/// let options = PhaseOptions::default();
+/// let found = identify_phase(std::slice::from_ref(&data), &options, &Watch::none())?;
+/// let forces = explained_n(&found.phase, &data, &options);
+/// let squares = forces.iter().map(|(row, force_n)| (data.rows[*row].force_n - force_n).powi(2)).sum::<f64>();
+/// let rmse_n = (squares / forces.len() as f64).sqrt();
+/// assert!((rmse_n / found.same_instant.rsse_n - 1.0).abs() < 1e-9);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[must_use]
 pub fn explained_n(phase: &Phase, dataset: &Dataset, options: &PhaseOptions) -> Vec<(usize, f64)> {
     let mean_n = mean_force(dataset);

@@ -160,7 +160,9 @@ pub struct FittedTsk {
 /// ```
 /// use mr_damper_model::condition::Conditioning;
 /// use mr_damper_model::force::TskKind;
-/// use mr_damper_model::identify::{Dataset, DatasetOptions, Learning, TskOptions, Watch, fit_tsk};
+/// use mr_damper_model::identify::{
+///     Algorithm, BackPropagation, Dataset, DatasetOptions, Evolution, Learning, TskOptions, Watch, fit_tsk,
+/// };
 /// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 ///
 /// let experiment = Experiment::thesis("RP-ICPS").expect("an experiment of the thesis").with_duration_s(8.0);
@@ -171,6 +173,15 @@ pub struct FittedTsk {
 /// // Learning moves the memberships, and the error never rises.
 /// let errors_n = &found.epoch_rsse_n;
 /// assert!(errors_n.windows(2).all(|pair| pair[1] <= pair[0]) && errors_n[errors_n.len() - 1] < errors_n[0], "{errors_n:?}");
+///
+/// // The published fits: back-propagation of the model of Ahn et al., and a genetic algorithm.
+/// let evolution = Evolution { algorithm: Algorithm::Genetic, generations: 3, ..Evolution::default() };
+/// let back_propagation = BackPropagation { epochs: 3, ..BackPropagation::default() };
+/// let options = TskOptions { learning: Learning::BackPropagation, evolution, back_propagation, ..TskOptions::default() };
+/// for kind in [TskKind::Ahn, TskKind::Evolved] {
+///     let errors_n = fit_tsk(&data, kind, data[0].drive, &options, &Watch::none())?.epoch_rsse_n;
+///     assert!(errors_n.len() >= 3 && errors_n.windows(2).all(|pair| pair[1] <= pair[0]), "{errors_n:?}");
+/// }
 /// # Ok::<(), mr_damper_model::Error>(())
 /// ```
 ///
