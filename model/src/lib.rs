@@ -93,6 +93,7 @@ pub mod fis;
 pub mod force;
 pub mod identify;
 pub mod inverse;
+mod inverse_model;
 pub mod metrics;
 pub mod model;
 pub mod model_file;

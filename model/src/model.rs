@@ -4,7 +4,7 @@
 use crate::condition::Conditioning;
 use crate::effect::{Augmented, AugmentedState, EffectModel, Effects};
 use crate::force::{ForceModel, Inputs};
-use crate::inverse::InverseModel;
+use crate::inverse_model::InverseModel;
 use crate::uncertainty::Uncertainty;
 use serde::{Deserialize, Serialize};
 

@@ -26,7 +26,6 @@
 //! See `[dyke1996]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::control_law::Demand;
-use super::learned::InverseState;
 use super::limits::{LimitedBy, Limits};
 use super::method::Method;
 use super::prepare::{Found, Inverse};
@@ -36,6 +35,7 @@ use super::surrogate::{Surrogate, SurrogateFit};
 use crate::effect::{AugmentedState, Effects};
 use crate::error::Error;
 use crate::force::Inputs;
+use crate::inverse_model::InverseState;
 use crate::model::Model;
 use crate::units::{Ampere, Newton};
 

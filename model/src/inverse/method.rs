@@ -34,7 +34,7 @@
 //! They do not support a model that is autoregressive in force, or whose force turns back, because the achievable range comes from that
 //! model.
 
-use super::learned::InverseKind;
+use crate::inverse_model::InverseKind;
 
 /// How the current for a force is found.
 ///

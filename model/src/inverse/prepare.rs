@@ -1,7 +1,6 @@
 //! The model for the inversion: without the effects of the load cell, which do not change the damper's force, without its coil lag, which
 //! the lead compensates, and with the method that finds a current.
 
-use super::learned::{InverseModel, InverseState, STEP_TOLERANCE};
 use super::limits::Limits;
 use super::method::Method;
 use super::shape::Shape;
@@ -10,6 +9,7 @@ use super::surrogate::{Surrogate, check_unique};
 use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::{Error, InverseError, NoInverse};
 use crate::force::Inputs;
+use crate::inverse_model::{InverseModel, InverseState, STEP_TOLERANCE};
 use crate::model::{Model, Preload};
 use crate::sample::DriveKind;
 use crate::units::{Ampere, Newton};

@@ -28,7 +28,9 @@ use super::network::Layers;
 use super::{missing, table_into};
 use crate::error::{Error, ModelFileError};
 use crate::force::{NetworkStructure, Normalisation};
-use crate::inverse::{FuzzyAxis, InverseFuzzy, InverseKind, InverseModel, InverseNetwork, InverseScaling};
+use crate::inverse_model::{
+    FuzzyAxis, InverseFuzzy, InverseKind, InverseModel, InverseNetwork, InverseScaling,
+};
 use crate::sample::DriveKind;
 use crate::units::Second;
 use serde::{Deserialize, Serialize};

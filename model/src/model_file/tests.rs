@@ -7,7 +7,7 @@ use crate::force::{
     Arx, Dependence, FuzzySets, FuzzyTanh, Lazy, LazyMetric, LazyPoint, Lpv, MaxwellSlip, Network,
     NetworkScaling, Normalisation, SlipFunction, SlipGrid,
 };
-use crate::inverse::{FuzzyAxis, InverseFuzzy, InverseModel, InverseNetwork, InverseScaling};
+use crate::inverse_model::{FuzzyAxis, InverseFuzzy, InverseModel, InverseNetwork, InverseScaling};
 use crate::preset;
 use crate::units::Second;
 use proptest::prelude::*;

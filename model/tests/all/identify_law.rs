@@ -310,7 +310,7 @@ fn polynomials_of_degree_five_are_fitted_and_evaluated() {
     let found = identify(spec, &[run_of(force_n)], &options, &Watch::none()).expect("identified");
     let ForceModel::Law(model) = found.model.force else { panic!("a law") };
     assert_eq!(model.dependence().copies(), 6);
-    for i in [0.0, 0.3, 0.7, 1.0] {
+    for i in [0.0_f64, 0.3, 0.7, 1.0] {
         // Damping and stiffness of each power of the drive.
         let found = (0..6).map(|power| model.coefficients()[2 * power] * i.powi(power as i32)).sum::<f64>();
         assert!((found / damping(i) - 1.0).abs() < 1e-6, "{i} A: {found}");

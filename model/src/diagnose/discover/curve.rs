@@ -136,11 +136,11 @@ fn deviation<S: Fn(&[f64], &[f64]) -> Vec<f64>>(
             rest_n.iter_mut().zip(column).for_each(|(rest, value)| *rest -= delta * value);
         }
         let scores: Vec<Vec<f64>> = projected.iter().map(|column| sums(column, &rest_n)).collect();
-        for block in 0..scores.first()?.len() {
-            let score = DVector::from_fn(knots, |k, _| scores[k][block]);
-            variance += (&inverse * score).map(|step| step * step);
-            blocks += 1;
-        }
+        let here = scores.first()?.len();
+        let score = |block: usize| DVector::from_iterator(knots, scores.iter().map(|sums| sums[block]));
+        variance +=
+            (0..here).map(|block| (&inverse * score(block)).map(|step| step * step)).sum::<DVector<f64>>();
+        blocks += here;
     }
     let free = blocks as f64 - knots as f64;
     let t = t95(blocks.checked_sub(knots)?.max(1) + 1);
@@ -158,9 +158,12 @@ mod tests {
         a.chunks(250).zip(b.chunks(250)).map(|(a, b)| dot(a, b)).collect()
     }
 
+    /// A function that sums products over blocks.
+    type BlockSums = fn(&[f64], &[f64]) -> Vec<f64>;
+
     /// Two sides of 3000 rows in blocks of 250: six hat functions of a slow argument, no nuisance, and a residual that is the curve
     /// `truth` plus correlated noise.
-    fn sides(truth: &[f64; 6], random: &mut Pcg64Mcg) -> [(Columns, fn(&[f64], &[f64]) -> Vec<f64>); 2] {
+    fn sides(truth: &[f64; 6], random: &mut Pcg64Mcg) -> [(Columns, BlockSums); 2] {
         [0.0, 1.0].map(|side: f64| {
             let argument = |row: usize| 2.5 + 2.5 * (0.011 * row as f64 + side).sin();
             let hat = |k: usize, row: usize| (1.0 - (argument(row) - k as f64).abs()).max(0.0);

@@ -13,7 +13,7 @@
 //! | i | A | in training the recorded current, in use the commanded current after limits |
 //!
 //! An inverse model is the direct structure of the same publication with force and current exchanged. It is identified by
-//! [`identify_inverse`](crate::identify::identify_inverse) and stored in the model file. A [`Surrogate`](super::SurrogateFit) is different:
+//! [`identify_inverse`](crate::identify::identify_inverse) and stored in the model file. A [surrogate](crate::inverse::SurrogateFit) is different:
 //! it is fitted to the force model, when that is loaded.
 //!
 //! Sources: `[chen2009]`, `[wangliao2001]` and `[wanghu2009]` in the bibliography (node/docs/guide/bibliography.md).
@@ -105,7 +105,7 @@ impl InverseState {
 }
 
 /// Largest relative difference between a time step and the sample period of the training; beyond it the history starts again.
-pub(super) const STEP_TOLERANCE: f64 = 0.25;
+pub(crate) const STEP_TOLERANCE: f64 = 0.25;
 
 impl InverseModel {
     /// The structure.
