@@ -138,8 +138,9 @@ fn deviation<S: Fn(&[f64], &[f64]) -> Vec<f64>>(
         let scores: Vec<Vec<f64>> = projected.iter().map(|column| sums(column, &rest_n)).collect();
         let here = scores.first()?.len();
         let score = |block: usize| DVector::from_iterator(knots, scores.iter().map(|sums| sums[block]));
-        variance +=
-            (0..here).map(|block| (&inverse * score(block)).map(|step| step * step)).sum::<DVector<f64>>();
+        for block in 0..here {
+            variance += (&inverse * score(block)).map(|step| step * step);
+        }
         blocks += here;
     }
     let free = blocks as f64 - knots as f64;
