@@ -1,11 +1,10 @@
-//! The report of `mr-damper reproduce`: every table and figure of a publication, made anew, beside its published numbers.
+//! The report of `mr-damper reproduce`: every table and figure of a publication, reproduced, beside its published numbers.
 //!
 //! ```text
 //! difference = here - published          of a table's figure, in the unit of the publication
 //! ```
 //!
-//! The runs are those of another damper than that of the publication, so that differences are expected; the report shows them and does
-//! not judge.
+//! Another damper made the runs than in the publication, so differences are expected. The report shows them and does not judge.
 
 use super::box_plot::{self, BoxRow};
 use super::page::{page, section};
@@ -30,18 +29,18 @@ pub struct Reproduction {
 pub struct Chapter {
     /// The heading.
     pub title: String,
-    /// What holds for all its items.
+    /// A remark on all its items.
     pub remark: String,
     /// Tables and figures in the order of the publication.
     pub items: Vec<Item>,
 }
 
-/// A table or a figure of the publication, made anew.
+/// A reproduced table or figure of the publication.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Item {
     /// Its number in the publication, as in `Table 4.1`.
     pub number: String,
-    /// What it shows.
+    /// Its subject.
     pub title: String,
     /// How it was made, and how it deviates from the publication; empty for nothing to say.
     pub remark: String,
@@ -54,7 +53,7 @@ pub struct Item {
 pub enum Part {
     /// Figures beside the published ones.
     Figures {
-        /// What the figures are; empty if the title says it.
+        /// The quantity; empty if the title names it.
         what: &'static str,
         /// The unit of all figures; empty for shares.
         unit: &'static str,
@@ -232,7 +231,7 @@ pub struct TableFigures<'a> {
     pub chapter: &'a str,
     /// Number of the table in the publication.
     pub table: &'a str,
-    /// What the figures are; empty if the table has no others.
+    /// The quantity; empty if the table has no other.
     pub what: &'a str,
     /// Unit of the figures; empty for shares.
     pub unit: &'a str,

@@ -1,11 +1,11 @@
-//! `mr-damper reproduce`: makes the tables and figures of the thesis and its two papers anew.
+//! `mr-damper reproduce`: reproduces the tables and figures of the thesis and its two papers.
 //!
 //! ```text
 //! 43 runs of the thesis' eight experiments  ->  64 + 3 cells of `compare`  ->  chapters 3 to 5, second paper
 //! 79 runs of the first paper's ten          ->  one fit per run            ->  first paper
 //! ```
 //!
-//! The runs are those of the virtual rig, or recorded ones in a folder. Each model is fitted and used as in the publication: ARX one
+//! The virtual rig makes the runs, or a folder holds recorded ones. Each model is fitted and used as in the publication: ARX one
 //! step ahead, p with the measured force as an input, all others in simulation.
 
 mod curves;
@@ -35,11 +35,11 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Make the tables and figures of the thesis anew, each beside its published numbers.
+/// Reproduce the tables and figures of the thesis, each beside its published numbers.
 ///
 /// The command writes thesis.html, a report with a table of contents, and thesis.json, which holds the figures of all
-/// tables. The runs are those of the virtual rig, which is another damper than that of the thesis: orders and shapes
-/// can be compared, single numbers only roughly. After Ctrl-C the same command continues where it stopped.
+/// tables. The virtual rig makes the runs. It is another damper than in the thesis: orders and shapes can be compared,
+/// single numbers only roughly. After Ctrl-C the same command continues where it stopped.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// What to reproduce.
@@ -158,7 +158,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let fact = |name: &str, value: String| (name.to_owned(), value);
     let report = Reproduction {
         lead: format!(
-            "Tables and figures of the thesis and its two papers, made anew on {}.",
+            "Tables and figures of the thesis and its two papers, reproduced on {}.",
             if args.runs.is_some() { "recorded runs" } else { "runs of the virtual rig" }
         ),
         facts: vec![

@@ -1,8 +1,8 @@
 //! The first paper: ARX (NARX there), S-P and P on ten experiments.
 //!
 //! The paper prints errors of current-dependent models for experiments 1 to 5 only. In experiments 6 to 10 a run has one current, on which
-//! such a model cannot be identified; so its errors are those of a fit to each run, which is what is done here: each model is identified
-//! on each run and its error is that on the same run.
+//! such a model cannot be identified. The paper must therefore have fitted each run separately. This is done here too: each model is
+//! identified on each run, and its error is computed on the same run.
 
 use super::{Args, P, SP, ThesisModel, rig_runs};
 use crate::commands::compare::drawn::Drawn;
@@ -37,7 +37,7 @@ const MODELS: [(ThesisModel, &str); 3] = [(NARX, "NARX"), (SP, "S-P"), (P, "P")]
 /// Experiments on which the current varies within a run: the first five.
 const VARYING: usize = 5;
 const EXPERIMENTS: usize = 10;
-/// The experiment of figure 7, and that of figures 8 and 9.
+/// The experiment of figure 7, and the experiment of figures 8 and 9.
 const OVER_TIME: usize = 5;
 const OVER_VELOCITY: usize = 4;
 
