@@ -198,7 +198,10 @@ mod tests {
                 readers.push(command.get_name().to_owned());
             }
         }
-        assert_eq!(readers, ["replay", "convert", "identify", "compare", "evaluate", "close", "inverse"]);
+        assert_eq!(
+            readers,
+            ["replay", "convert", "identify", "compare", "evaluate", "predict", "close", "inverse"]
+        );
     }
 
     #[test]
@@ -214,6 +217,8 @@ mod tests {
             "simulate --list",
             "identify --model arx --out m.toml a",
             "compare runs",
+            "reproduce thesis --out out",
+            "predict m.toml a --out a.csv",
             "evaluate m.toml a",
             "close --base arx --estimate a --confirm b --out m.toml",
             "inverse m.toml --force a",

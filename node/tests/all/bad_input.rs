@@ -114,7 +114,7 @@ fn wrong_usage_is_exit_code_two() {
 fn missing_files_and_presets_are_named() {
     let _turn = turn(module_path!());
     refused(&["evaluate", "thesis/fuzzy-tanh/rp4-cs", "x.csv"], 1, &["rp4-cs", "thesis/fuzzy-tanh/rp"]);
-    let relation = ["evaluate", "thesis/p-passive/rp1-cs", "x.csv"];
+    let relation = ["predict", "thesis/p-passive/rp1-cs", "x.csv", "--out", "y.csv"];
     refused(&relation, 1, &["thesis/p-passive/rp1-cs cannot run", "diverges", "thesis/sp-passive/rp1-cs"]);
     refused(&["evaluate", "no-such.toml", "x.csv"], 1, &["no-such.toml", "presets"]);
     refused(&["evaluate", "thesis/fuzzy-tanh/rp3-cs", "no-such.csv"], 1, &["no-such.csv"]);

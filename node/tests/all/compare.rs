@@ -49,9 +49,9 @@ fn the_json_follows_the_contract_and_the_tables_show_its_values() {
     assert_eq!(json["schema"], "mr-damper/compare/1");
 
     let rows = |key: &str| json[key].as_array().unwrap_or_else(|| panic!("{key} is a list")).clone();
-    // ARX has two forms with two predictors each, fuzzy-tanh two forms with one predictor; all on two
-    // experiments.
-    assert_eq!(rows("identification").len(), 12);
+    // ARX has two forms and two fits (rls) with two predictors each, fuzzy-tanh two forms with one predictor; all on
+    // two experiments.
+    assert_eq!(rows("identification").len(), 20);
     for row in rows("identification") {
         // With seven current levels, seven fuzzy sets cannot be placed: the row has a note instead of values.
         if row["form"] == "free_fuzzy" && row["experiment"] == "RP1-CS" {
@@ -64,8 +64,8 @@ fn the_json_follows_the_contract_and_the_tables_show_its_values() {
         assert!(row["parameters"].as_u64().is_some() && row["restarts"] == 2);
         assert!(["RP-ICPS", "RP1-CS"].contains(&row["experiment"].as_str().expect("a name")));
     }
-    // Each of the eleven models with values is tested on the three other runs.
-    assert_eq!(rows("cross_validation").len(), 33);
+    // Each of the nineteen models with values is tested on the three other runs.
+    assert_eq!(rows("cross_validation").len(), 57);
     for row in rows("cross_validation") {
         assert!(["passive", "semi_active", "free_fuzzy"].contains(&row["form"].as_str().expect("a form")));
         assert!(["free_run", "one_step"].contains(&row["predictor"].as_str().expect("a predictor")));
@@ -103,7 +103,7 @@ fn the_same_command_resumes_and_a_changed_option_starts_over() {
     let dir = temporary();
     let state = dir.path().join("state.jsonl");
     let lines = || std::fs::read_to_string(&state).expect("the state").lines().count();
-    let more = ["--models", "arx", "--passive-only", "--resume", "state.jsonl", "--json"];
+    let more = ["--models", "savaresi", "--passive-only", "--resume", "state.jsonl", "--json"];
     let figures = |output: &Output| -> Value {
         assert!(output.status.success(), "{}", text(&output.stderr));
         let json: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");

@@ -261,7 +261,10 @@ mod tests {
                 "mr_damper:\n  ros__parameters:\n    coast: 1\n",
                 "mr_damper: unknown parameter coast; did you mean coast_s?",
             ),
-            ("/**/mr_damper:\n  ros__parameters:\n    gains: [1.0]\n", "gains must be a list of texts"),
+            (
+                "/**/mr_damper:\n  ros__parameters:\n    gains: [1.0, a]\n",
+                "gains must be a list of texts or of numbers",
+            ),
         ] {
             let message = read(text).expect_err(text).to_string();
             assert!(message.contains(says), "{text}: {message}");

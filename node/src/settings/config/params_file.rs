@@ -189,7 +189,10 @@ mod tests {
         for (text, says) in [
             ("/**:\n  coast_s: 1\n", "/** has no ros__parameters"),
             ("/**:\n  ros__parameters:\n    coast_s:\n", "/**: coast_s has no value"),
-            ("/**:\n  ros__parameters:\n    dampers: [1]\n", "dampers must be a list of texts"),
+            (
+                "/**:\n  ros__parameters:\n    dampers: [1, a]\n",
+                "dampers must be a list of texts or of numbers",
+            ),
             (": {", "params.yaml"),
         ] {
             std::fs::write(&path, text).expect("writes");
