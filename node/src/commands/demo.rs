@@ -511,9 +511,15 @@ mod tests {
         }
     }
 
-    /// The whole demo with a live run of 6 s; fresh runs supply the rest of the data for the diagnosis.
+    /// The whole demo, on a stack like that of a program's main thread: a thread of a test has a quarter of it.
     #[test]
     fn the_demo_names_the_coil_lag_and_the_live_error_falls() {
+        let demo = std::thread::Builder::new().stack_size(8 << 20).spawn(short_demo).expect("a thread");
+        demo.join().expect("the demo succeeds");
+    }
+
+    /// A demo with a live run of 6 s; fresh runs supply the rest of the data for the diagnosis.
+    fn short_demo() {
         let dir = tempfile::tempdir().expect("a directory");
         let args = Args {
             seconds: 6.0,
