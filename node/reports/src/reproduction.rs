@@ -95,6 +95,13 @@ impl ComparedFigure {
 }
 
 impl Item {
+    /// A figure of box plots.
+    #[must_use]
+    pub fn boxes(number: &str, title: String, axis: &str, rows: Vec<BoxRow>) -> Self {
+        let parts = vec![Part::Boxes { axis: axis.to_owned(), rows }];
+        Self { number: number.to_owned(), title, remark: String::new(), parts }
+    }
+
     /// The anchor of the item in the page: letters, digits and hyphens.
     fn anchor(&self, chapter: usize) -> String {
         let word = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };

@@ -199,7 +199,12 @@ fn table(report: &Report<'_>) -> String {
 fn rows(fits: [Option<Fit>; 4]) -> String {
     let names =
         ["simulation (free run)", "simulation, offset out", "one step ahead", "persistence (one step)"];
-    let row = |(name, fit): (&str, Option<Fit>)| match fit {
+    names.into_iter().zip(fits).map(|(name, fit)| row(name, fit)).collect()
+}
+
+/// The line of one kind of error.
+fn row(name: &str, fit: Option<Fit>) -> String {
+    match fit {
         Some(fit) => format!(
             "  {name:<24} RMSE {:9.2} N ({:7.2} lbf)   NMSE {:.6}   {} samples\n",
             fit.rsse_n,
@@ -208,8 +213,7 @@ fn rows(fits: [Option<Fit>; 4]) -> String {
             fit.samples
         ),
         None => format!("  {name:<24} -\n"),
-    };
-    names.into_iter().zip(fits).map(row).collect()
+    }
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ mod second_paper;
 mod thesis_tables;
 
 use crate::commands::compare::state::State;
+use crate::commands::compare::work::threads;
 use crate::commands::compare::{self, ComparisonPlan};
 use crate::commands::context::CliContext;
 use crate::commands::output;
@@ -61,6 +62,20 @@ pub struct Args {
     /// Duration of each run, s, to try the command; by default as in the publications.
     #[arg(long, value_name = "S")]
     duration: Option<f64>,
+}
+
+impl Args {
+    /// Settings of the fits: rows as in the thesis.
+    fn options(&self) -> Options {
+        Options {
+            conditioning: Conditioning::THESIS,
+            choose_velocity: false,
+            most_rows: Some(30_000),
+            restarts: self.restarts,
+            seed: self.seed,
+            ..Options::default()
+        }
+    }
 }
 
 /// The results on the thesis' experiments.
@@ -194,22 +209,14 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
 
 /// Reads or simulates the thesis' runs and identifies its models on them.
 fn identified(args: &Args, context: &CliContext) -> Result<Results, NodeError> {
-    let options = Options {
-        conditioning: Conditioning::THESIS,
-        choose_velocity: false,
-        most_rows: Some(30_000),
-        restarts: args.restarts,
-        seed: args.seed,
-        ..Options::default()
-    };
+    let options = args.options();
     let (experiments, sources) = match &args.runs {
         Some(dir) => rig_runs::recorded(dir, &options, context)?,
         None => rig_runs::of_thesis(args.seed, args.duration, &options, context)?,
     };
     let specs = IDENTIFIED.map(|(model, form)| ModelSpec::new(model.structure, form));
     let specs = specs.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let plan = ComparisonPlan { specs, experiments, sources, options, threads };
+    let plan = ComparisonPlan { specs, experiments, sources, options, threads: threads() };
     let is_published = |cell: &Cell| {
         let on = &plan.experiments[cell.experiment].name;
         cell.spec != ModelSpec::FUZZY_TANH || STEPPED.contains(&on.as_str())

@@ -1,9 +1,9 @@
 //! A model in a picture, with the way in which it computes force.
 
-use mr_damper_model::compare::Predictor;
 use mr_damper_model::force::Phase;
-use mr_damper_model::identify::{Dataset, PhaseOptions, Row, explained_n, walk};
+use mr_damper_model::identify::{Dataset, PhaseOptions, Row, Watch, explained_n, identify_phase, walk};
 use mr_damper_model::model::Model;
+use mr_damper_model::sample::DriveKind;
 use std::ops::ControlFlow;
 
 /// A model to draw.
@@ -38,18 +38,22 @@ impl Drawn {
         Self { name, how: How::Explained(Box::new(relation)) }
     }
 
+    /// The relation p as it is identified on `training`; `None` if it cannot be. A comparison keeps no relation, but its fit is linear and
+    /// quick.
+    pub(in crate::commands) fn identified_relation(
+        name: String,
+        training: &Dataset,
+        drive: Option<DriveKind>,
+        degree: usize,
+    ) -> Option<Self> {
+        let options = PhaseOptions { drive, degree, ..PhaseOptions::default() };
+        let found = identify_phase(std::slice::from_ref(training), &options, &Watch::none()).ok()?;
+        Some(Self::explained(name, found.phase))
+    }
+
     /// The name for the legend.
     pub(in crate::commands) fn name(&self) -> &str {
         &self.name
-    }
-
-    /// The kind of force that is drawn.
-    pub(in crate::commands) const fn predictor(&self) -> Predictor {
-        match self.how {
-            How::Simulated(_) => Predictor::FreeRun,
-            How::OneStep(_) => Predictor::OneStep,
-            How::Explained(_) => Predictor::SameInstant,
-        }
     }
 
     /// The points that `pick` makes of the rows and their forces in newtons; none if the run does not have the model's drive.
@@ -62,7 +66,7 @@ impl Drawn {
         match &self.how {
             How::Simulated(model) | How::OneStep(model) => {
                 if model.force.drive().is_none_or(|kind| data.drive == Some(kind)) {
-                    let ahead = self.predictor() == Predictor::OneStep;
+                    let ahead = matches!(self.how, How::OneStep(_));
                     let _ = walk(&model.augmented(), data, |row, predicted| {
                         let force_n = if ahead { predicted.one_step_n } else { predicted.free_run_n };
                         points.extend(pick(row, force_n));

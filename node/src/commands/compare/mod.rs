@@ -184,7 +184,7 @@ fn prepare(args: &Args, context: &CliContext) -> Result<ComparisonPlan, NodeErro
         seed: args.seed,
         ..Options::default()
     };
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = work::threads();
     let files: usize = planned.iter().map(|p| p.replicates.len()).sum();
     let bar = bar(context, files, "reading runs [{bar:40}] {pos}/{len}");
     let (experiments, sources) = runs::load(
@@ -252,7 +252,8 @@ fn chosen(planned: Vec<PlannedExperiment>, names: &[String]) -> Result<Vec<Plann
     Ok(planned.into_iter().filter(is_selected).collect())
 }
 
-fn bar(context: &CliContext, length: usize, template: &str) -> ProgressBar {
+/// A progress bar over `length` steps, hidden with `--quiet`.
+pub(super) fn bar(context: &CliContext, length: usize, template: &str) -> ProgressBar {
     let bar = if context.quiet { ProgressBar::hidden() } else { ProgressBar::new(length as u64) };
     bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar

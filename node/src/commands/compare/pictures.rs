@@ -4,8 +4,7 @@ use super::drawn::Drawn;
 use mr_damper_model::compare::{Experiment, Predictor, Replicate, Summary};
 use mr_damper_model::effect::Augmented;
 use mr_damper_model::identify::{
-    Dataset, Form, MembershipSource, Memberships, ModelSpec, PhaseOptions, Row, Watch, identify_phase,
-    sum_of_free_run,
+    Dataset, Form, MembershipSource, Memberships, ModelSpec, Row, sum_of_free_run,
 };
 use mr_damper_model::model::Model;
 use mr_damper_reports::compare::order::name;
@@ -88,12 +87,9 @@ pub(super) fn named(
         let (class, row) = of.find_map(|summary| Some((&summary.class, summary.best()?)))?;
         let name = format!("{}, trained on {}", name(class), row.trained_on);
         if predictor == Predictor::SameInstant {
-            // A comparison keeps no relation, but its fit is linear and quick.
             let training = &experiments.iter().find(|e| e.name == row.trained_on)?.replicates.first()?.data;
             let drive = training.drive.filter(|_| class.form != Form::Passive.name());
-            let options = PhaseOptions { drive, degree, ..PhaseOptions::default() };
-            let found = identify_phase(std::slice::from_ref(training), &options, &Watch::none()).ok()?;
-            return Some(Drawn::explained(name, found.phase));
+            return Drawn::identified_relation(name, training, drive, degree);
         }
         let model = find(&class.model, &class.form, &row.trained_on)?;
         let one_step = predictor == Predictor::OneStep;

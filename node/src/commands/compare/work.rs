@@ -3,6 +3,11 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+/// Number of threads: one for each core.
+pub(in crate::commands) fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 /// Calls `work` with every index below `count` on `threads` threads and returns the results in the order of the indices.
 /// Each thread takes the next index when it is free.
 ///

@@ -2,7 +2,7 @@
 //!
 //! Runs are conditioned as in the thesis, and the rows in which the damper moves count, as in its identification.
 
-use super::Args;
+use super::{Args, row};
 use crate::commands::context::CliContext;
 use crate::commands::output;
 use crate::settings::error::NodeError;
@@ -12,7 +12,6 @@ use mr_damper_model::force::Phase;
 use mr_damper_model::identify::{Dataset, DatasetOptions, PhaseOptions, score_phase};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::preset;
-use mr_damper_model::units::N_PER_LBF;
 use serde::Serialize;
 
 #[derive(Debug, Serialize)]
@@ -31,7 +30,7 @@ struct ExplainedRun {
 
 /// The relation called `name`, if it is one.
 pub(super) fn named(name: &str) -> Option<Phase> {
-    preset::phase_names().iter().any(|known| known == name).then(|| preset::phase(name).ok()).flatten()
+    preset::phase(name).ok()
 }
 
 /// Prints how well `relation` holds on each run.
@@ -66,18 +65,10 @@ fn table(report: &Report<'_>) -> String {
     let mut text = format!("{}: not a prediction, it explains each measured force by itself\n", report.model);
     for ExplainedRun { run, same_instant } in &report.runs {
         text += &format!("\n{}\n", shown::line(run));
-        text += &match same_instant {
-            Some(fit) => format!(
-                "  same instant             RMSE {:9.2} N ({:7.2} lbf)   NMSE {:.6}   {} samples\n",
-                fit.rsse_n,
-                fit.rsse_n / N_PER_LBF,
-                fit.esr,
-                fit.samples
-            ),
-            None => {
-                "  same instant             -  (no counted row has force readings on both sides)\n".to_owned()
-            }
-        };
+        text += &row("same instant", *same_instant);
+        if same_instant.is_none() {
+            text += "  no counted row has force readings on both sides\n";
+        }
     }
     text
 }

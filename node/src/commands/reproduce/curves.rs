@@ -5,7 +5,7 @@ use crate::commands::compare::drawn::Drawn;
 use crate::commands::compare::pictures;
 use mr_damper_model::compare::Predictor;
 use mr_damper_model::force::Form;
-use mr_damper_model::identify::{PhaseOptions, Watch, identify_phase};
+use mr_damper_model::identify::Options;
 use mr_damper_reports::compare::{force_time_plot, force_velocity_plots};
 use mr_damper_reports::reproduction::{Chapter, Item, Part};
 
@@ -48,11 +48,8 @@ fn drawn(results: &Results, model: ThesisModel) -> Option<(Drawn, &'static str)>
         (Predictor::FreeRun, Some(found)) => Drawn::simulated(name, *found),
         (Predictor::OneStep, Some(found)) => Drawn::one_step(name, *found),
         (Predictor::SameInstant, _) => {
-            // The cell keeps no relation, but its fit is linear and quick.
             let training = &results.experiment(trained_on)?.replicates.first()?.data;
-            let options = PhaseOptions { drive: training.drive, ..PhaseOptions::default() };
-            let found = identify_phase(std::slice::from_ref(training), &options, &Watch::none()).ok()?;
-            Drawn::explained(name, found.phase)
+            Drawn::identified_relation(name, training, training.drive, Options::default().degree)?
         }
         (_, None) => return None,
     };

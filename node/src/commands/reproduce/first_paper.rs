@@ -5,14 +5,14 @@
 //! identified on each run, and its error is computed on the same run.
 
 use super::{Args, P, SP, ThesisModel, rig_runs};
+use crate::commands::compare::bar;
 use crate::commands::compare::drawn::Drawn;
 use crate::commands::compare::pictures;
-use crate::commands::compare::work::in_parallel;
+use crate::commands::compare::work::{in_parallel, threads};
 use crate::commands::context::CliContext;
 use crate::settings::error::NodeError;
 use mr_damper_model::Error;
 use mr_damper_model::compare::{BoxPlot, Experiment, Predictor, Replicate};
-use mr_damper_model::condition::Conditioning;
 use mr_damper_model::force::Form;
 use mr_damper_model::identify::{
     Dataset, Identified, ModelSpec, Options, PhaseOptions, Structure, Watch, identify_datasets,
@@ -54,14 +54,7 @@ struct Fitted {
 /// # Errors
 /// When interrupted.
 pub(super) fn chapter(args: &Args, context: &CliContext) -> Result<Chapter, NodeError> {
-    let options = Options {
-        conditioning: Conditioning::THESIS,
-        choose_velocity: false,
-        most_rows: Some(30_000),
-        restarts: args.restarts,
-        seed: args.seed,
-        ..Options::default()
-    };
+    let options = args.options();
     let runs = rig_runs::of_first_paper(args.seed, args.duration, &options, context)?;
     let fits = fitted(&runs, &options, context)?;
     let mut items = vec![
@@ -95,7 +88,7 @@ fn fitted(runs: &[PaperRun], options: &Options, context: &CliContext) -> Result<
             }
         }
     }
-    let bar = rig_runs::bar(context, work.len(), "fitting the first paper's models [{bar:40}] {pos}/{len}");
+    let bar = bar(context, work.len(), "fitting the first paper's models [{bar:40}] {pos}/{len}");
     let one = |index: usize| -> Result<Fitted, NodeError> {
         let (run, model, form) = work[index];
         let fitted = |esr| Fitted { model: model.name, form, experiment: run.experiment, esr };
@@ -110,7 +103,7 @@ fn fitted(runs: &[PaperRun], options: &Options, context: &CliContext) -> Result<
         bar.inc(1);
         Ok(fitted(esr))
     };
-    let fits = in_parallel(work.len(), rig_runs::threads(), one).into_iter().collect();
+    let fits = in_parallel(work.len(), threads(), one).into_iter().collect();
     bar.finish_and_clear();
     fits
 }
@@ -210,12 +203,8 @@ fn boxes(fits: &[Fitted], number: &str, model: ThesisModel, form: Form, experime
     let words =
         MODELS.iter().find(|(known, _)| known.name == model.name).map_or(model.name, |(_, words)| words);
     let what = if form == Form::Passive { "without" } else { "with" };
-    Item {
-        number: number.to_owned(),
-        title: format!("NMSE of {words} {what} the current, by experiment"),
-        remark: String::new(),
-        parts: vec![Part::Boxes { axis: "NMSE, %".to_owned(), rows: (1..=experiments).map(row).collect() }],
-    }
+    let title = format!("NMSE of {words} {what} the current, by experiment");
+    Item::boxes(number, title, "NMSE, %", (1..=experiments).map(row).collect())
 }
 
 /// Figures 7 to 9: force over time of all models, and force over velocity of two.

@@ -1,13 +1,13 @@
 //! The runs: of the virtual rig, or recorded ones.
 
 use super::first_paper::PaperRun;
+use crate::commands::compare::bar;
 use crate::commands::compare::runs::{self, Source};
-use crate::commands::compare::work::in_parallel;
+use crate::commands::compare::work::{in_parallel, threads};
 use crate::commands::context::CliContext;
 use crate::commands::run_args::RunArgs;
 use crate::commands::simulate::{Job, Selection, rig_jobs};
 use crate::settings::error::{NodeError, PartError};
-use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::compare::{Experiment, Replicate};
 use mr_damper_model::identify::{Dataset, Options};
 use mr_damper_model::rig;
@@ -108,14 +108,4 @@ fn conditioned(jobs: &[Job], options: &Options, context: &CliContext) -> Result<
     let rows = in_parallel(jobs.len(), threads(), one).into_iter().collect();
     bar.finish_and_clear();
     rows
-}
-
-pub(super) fn threads() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
-}
-
-pub(super) fn bar(context: &CliContext, length: usize, template: &str) -> ProgressBar {
-    let bar = if context.quiet { ProgressBar::hidden() } else { ProgressBar::new(length as u64) };
-    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar
 }

@@ -150,10 +150,6 @@ fn boxes(model: ThesisModel, on: &str, number: &str, tests: &[Tested]) -> Item {
         remark: String::new(),
         yardstick: false,
     };
-    Item {
-        number: number.to_owned(),
-        title: format!("NMSE of {} trained on {on}, by tested experiment", model.name),
-        remark: String::new(),
-        parts: vec![Part::Boxes { axis: "NMSE".to_owned(), rows: tests.iter().map(row).collect() }],
-    }
+    let title = format!("NMSE of {} trained on {on}, by tested experiment", model.name);
+    Item::boxes(number, title, "NMSE", tests.iter().map(row).collect())
 }

@@ -160,15 +160,8 @@ fn boxes(
         Measure::Rsse => "RMSE, lbf",
         Measure::Esr => "NMSE",
     };
-    Item {
-        number: number.to_owned(),
-        title: format!("{axis} of the {words} models in cross-validation, by training experiment"),
-        remark: String::new(),
-        parts: vec![Part::Boxes {
-            axis: axis.to_owned(),
-            rows: rig::Experiment::names().filter_map(row).collect(),
-        }],
-    }
+    let title = format!("{axis} of the {words} models in cross-validation, by training experiment");
+    Item::boxes(number, title, axis, rig::Experiment::names().filter_map(row).collect())
 }
 
 /// Tables 5.1 and 5.2: mean errors of cross-validation by model and training experiment.
