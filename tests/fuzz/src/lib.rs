@@ -196,6 +196,7 @@ fn toml_of(config: &Config) -> String {
                 Value::Double(value) => value.into(),
                 Value::Text(value) => value.into(),
                 Value::TextList(values) => values.into(),
+                Value::DoubleList(values) => values.into(),
             },
         );
     }
