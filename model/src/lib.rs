@@ -87,6 +87,7 @@ pub mod condition;
 pub mod diagnose;
 mod edit_distance;
 pub mod effect;
+pub mod elementary;
 pub mod error;
 pub mod evaluate;
 pub mod fis;

@@ -14,6 +14,7 @@
 //!
 //! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equation 3.5 of the thesis.
 
+use crate::elementary::{exp, exp_m1};
 use crate::units::Hertz;
 
 /// The filter. Immutable; its memory is in [`State`].
@@ -72,8 +73,8 @@ impl LowPass {
             // The rate is usually constant, so the exponential of the last step is kept.
             let ratio = dt_s / self.tau_s;
             state.dt_s = dt_s;
-            state.pole = (-ratio).exp();
-            state.ramp = -(-ratio).exp_m1() / ratio;
+            state.pole = exp(-ratio);
+            state.ramp = -exp_m1(-ratio) / ratio;
         }
         let (p, q) = (state.pole, state.ramp);
         let first = p * state.first + (1.0 - q) * value + (q - p) * state.input;

@@ -12,6 +12,8 @@
 //!
 //! All computations use differences of stamps, so jitter or a changing rate needs no special treatment.
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 mod align;
 mod derivative;
 mod low_pass;

@@ -96,6 +96,8 @@
 //! since the last valid sample. The step is written for any number type `R`, so that a diagnosis has its derivatives: a comparison uses the
 //! values (`model/src/force/jet.rs`). Model file, pipeline, diagnosis, inverse controller, reports and the tests for all effects then include it.
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 mod definition;
 mod parts;
 mod run;

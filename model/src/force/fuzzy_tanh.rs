@@ -28,7 +28,7 @@
 use super::Way;
 use super::jet::Real;
 use super::sets::{FuzzySets, MAX_FUNCTIONS, Strengths};
-use super::tanh::tanh;
+use crate::elementary::tanh;
 use crate::error::Error;
 use crate::sample::DriveKind;
 

@@ -42,6 +42,7 @@
 
 use super::Inputs;
 use super::sets::{FuzzySets, MAX_FUNCTIONS};
+use crate::elementary::exp;
 use crate::error::Error;
 use crate::sample::DriveKind;
 
@@ -201,7 +202,7 @@ impl SlipState {
         let (way_m, slips) = (v.abs() * dt_s, v.signum());
         for (deflection, length_m) in self.deflections.iter_mut().zip(lengths_m) {
             // In this form rounding cannot carry the deflection beyond 1.
-            *deflection = slips + (*deflection - slips) * (-way_m / length_m).exp();
+            *deflection = slips + (*deflection - slips) * exp(-way_m / length_m);
         }
     }
 }

@@ -3,6 +3,8 @@
 //! A model is immutable. Its state from sample to sample is a separate small `Copy` type. Models are `Copy` too (fixed capacity,
 //! no heap), so that a model can be handed to the estimating thread and swapped between two samples without an allocation.
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 mod arx;
 mod dependence;
 mod form;
@@ -17,7 +19,6 @@ mod network;
 mod on_jets;
 mod phase;
 mod sets;
-mod tanh;
 pub(crate) mod tsk;
 
 pub(crate) use arx::ArxShape;
@@ -42,7 +43,6 @@ pub(crate) use on_jets::{ForceOnJets, Kept, Number};
 pub use phase::{ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase};
 pub(crate) use sets::blend;
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
-pub(crate) use tanh::tanh;
 pub use tsk::{
     MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind, TskSet,
 };

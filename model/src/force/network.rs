@@ -37,7 +37,7 @@
 //! Source: `[wangliao2001]` and `[chen2009]` in the bibliography (node/docs/guide/bibliography.md), section 2.1.3 of the thesis.
 
 use super::history::{DEPTH, History, known};
-use super::tanh::tanh_in_lanes;
+use crate::elementary::tanh_in_lanes;
 use crate::error::Error;
 use crate::sample::DriveKind;
 use crate::units::Second;

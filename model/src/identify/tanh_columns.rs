@@ -92,7 +92,7 @@ impl Blended for TanhColumns {
             }
             let (a1, a2, a3, kappa) = (p[0], p[1], p[2], p[3]);
             let u = v + kappa * x;
-            let t = crate::force::tanh(a3 * u);
+            let t = crate::elementary::tanh(a3 * u);
             let slope = a1 * a3 * (1.0 - t * t);
             *own = a1 * t + a2 * u;
             force += w * *own;

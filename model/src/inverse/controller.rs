@@ -33,6 +33,7 @@ use super::shape::{HARDLY, Shape};
 use super::solve::Moment;
 use super::surrogate::{Surrogate, SurrogateFit};
 use crate::effect::{AugmentedState, Effects};
+use crate::elementary::exp_m1;
 use crate::error::Error;
 use crate::force::Inputs;
 use crate::inverse_model::InverseState;
@@ -469,5 +470,5 @@ impl Memory {
 
 /// Share of its final value that a first-order lag of `tau_s` reaches in `dt_s`; 1 without a lag.
 fn approach(dt_s: f64, tau_s: f64) -> f64 {
-    if tau_s > 0.0 { -(-dt_s / tau_s).exp_m1() } else { 1.0 }
+    if tau_s > 0.0 { -exp_m1(-dt_s / tau_s) } else { 1.0 }
 }

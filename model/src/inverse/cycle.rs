@@ -16,6 +16,7 @@
 
 use super::shape::Bounds;
 use crate::effect::{Augmented, AugmentedState, REFERENCE_TEMP_C};
+use crate::elementary;
 use crate::force::Inputs;
 use crate::model::Model;
 use std::f64::consts::TAU;
@@ -99,7 +100,8 @@ impl Cycle {
         };
         let mut state = AugmentedState::default();
         for step in 0..2 * round {
-            let (sin, cos) = (TAU * step as f64 / round as f64).sin_cos();
+            let angle = TAU * step as f64 / round as f64;
+            let (sin, cos) = (elementary::sin(angle), elementary::cos(angle));
             let inputs = Inputs {
                 dt_s: (step > 0).then_some(dt_s),
                 displacement_m: self.middle_m + reach * self.half_m * cos,

@@ -17,6 +17,8 @@
 //!
 //! Like the rest of this crate, the module reads no clock, does not allocate per sample and does not panic.
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 mod control_law;
 mod controller;
 mod cycle;

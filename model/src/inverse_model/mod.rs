@@ -18,6 +18,8 @@
 //!
 //! Sources: `[chen2009]`, `[wangliao2001]` and `[wanghu2009]` in the bibliography (node/docs/guide/bibliography.md).
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 mod fuzzy;
 mod network;
 #[cfg(test)]

@@ -16,6 +16,8 @@
 //! The decay is critically damped: the slowest that does not overshoot. Slopes are averaged over the last [`SLOPE_S`], because a
 //! force that follows a load cell has mostly noise from one sample to the next.
 
+use crate::elementary::exp;
+
 /// Time constant of the slopes, s.
 const SLOPE_S: f64 = 5e-3;
 /// Offset below which it is set to zero, N; no load cell resolves it. From then on the output is bit-identical to the mode's own
@@ -121,7 +123,7 @@ impl Bump {
         if self.offset_n == 0.0 && self.offset_n_s == 0.0 || tau_s <= 0.0 {
             return;
         }
-        let (pull, keep) = (self.offset_n_s + self.offset_n / tau_s, (-dt_s / tau_s).exp());
+        let (pull, keep) = (self.offset_n_s + self.offset_n / tau_s, exp(-dt_s / tau_s));
         self.offset_n = (self.offset_n + pull * dt_s) * keep;
         self.offset_n_s = (self.offset_n_s - pull * dt_s / tau_s) * keep;
     }

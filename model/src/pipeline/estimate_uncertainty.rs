@@ -16,6 +16,7 @@ use super::Pipeline;
 use super::event::Reasons;
 use super::mode::Mode;
 use super::model_channel::SeededChannel;
+use crate::elementary::hypot;
 use crate::force::DEPTH;
 use crate::model::Model;
 use crate::sample::Stamp;
@@ -74,7 +75,7 @@ impl EstimateUncertainty {
     fn around(force_n: f64, bump_n: f64, spread: Spread) -> Self {
         let (model_n, half_n) = (force_n - bump_n, spread.half_band_n);
         Self {
-            std_dev_n: spread.std_dev_n.hypot(bump_n),
+            std_dev_n: hypot(spread.std_dev_n, bump_n),
             band_n: [(model_n - half_n).min(force_n), (model_n + half_n).max(force_n)],
             calibrated: spread.calibrated,
         }
@@ -86,10 +87,10 @@ impl EstimateUncertainty {
         let Some([low_n, high_n]) = range_n.filter(|_| force_n.is_finite()) else { return Self::NONE };
         let share = (held_s / HOLD_S).clamp(0.0, 1.0);
         let [last_low_n, last_high_n] = self.band_n;
-        let off_n = ((high_n - low_n) / 12.0_f64.sqrt()).hypot(force_n - 0.5 * (low_n + high_n));
+        let off_n = hypot((high_n - low_n) / 12.0_f64.sqrt(), force_n - 0.5 * (low_n + high_n));
         Self {
             // `max` and `min` return the other number if the last value is NaN.
-            std_dev_n: (self.std_dev_n.max(0.0)).hypot(share * off_n),
+            std_dev_n: hypot(self.std_dev_n.max(0.0), share * off_n),
             band_n: [
                 last_low_n.min(force_n + share * (low_n - force_n).min(0.0)),
                 last_high_n.max(force_n + share * (high_n - force_n).max(0.0)),

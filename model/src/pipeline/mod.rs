@@ -22,6 +22,8 @@
 //! detects that displacement has stopped. It changes only what the next displacement would change anyway, so results stay the
 //! same.
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 mod alarm;
 mod bump;
 mod command;

@@ -16,6 +16,7 @@
 //! Source: `[luenberger]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::settings::{Settings, UseForce};
+use crate::elementary::{exp, exp_m1};
 use crate::sample::Stamp;
 
 /// The bias.
@@ -34,7 +35,7 @@ impl Observer {
             return;
         }
         match dt_s {
-            Some(dt_s) => self.bias_n -= (-dt_s / tau_s).exp_m1() * (residual_n - self.bias_n),
+            Some(dt_s) => self.bias_n -= exp_m1(-dt_s / tau_s) * (residual_n - self.bias_n),
             None => self.bias_n = 0.0,
         }
         self.last = Some(stamp);
@@ -50,7 +51,7 @@ impl Observer {
         if over_s <= 0.0 {
             self.bias_n
         } else if settings.coast_s > 0.0 {
-            self.bias_n * (-over_s / settings.coast_s).exp()
+            self.bias_n * exp(-over_s / settings.coast_s)
         } else {
             0.0
         }

@@ -24,6 +24,7 @@
 //! used for residuals only.
 
 use super::event::Reasons;
+use crate::elementary::exp;
 use crate::error::Error;
 use crate::inverse::Limits;
 use crate::model::{Model, Preload};
@@ -204,7 +205,7 @@ impl Travel {
         if stretch_s < STRETCH_S {
             return;
         }
-        let (way_m, keep) = (displacement_m - from_m, (-stretch_s / STRETCHES_S).exp());
+        let (way_m, keep) = (displacement_m - from_m, exp(-stretch_s / STRETCHES_S));
         self.apart = keep * self.apart + (way_m - self.by_velocity_m).powi(2);
         self.both = keep * self.both + way_m.powi(2) + self.by_velocity_m.powi(2);
         self.weight = keep * self.weight + 1.0;
@@ -239,7 +240,7 @@ struct AbsorbedWork {
 
 impl AbsorbedWork {
     fn see(&mut self, dt_s: f64, force_n: f64, velocity_m_s: f64, window_s: f64) {
-        let keep = (-dt_s / window_s).exp();
+        let keep = exp(-dt_s / window_s);
         let power_w = force_n * velocity_m_s;
         self.taken_j = keep * self.taken_j + power_w * dt_s;
         self.to_and_fro_j = keep * self.to_and_fro_j + power_w.abs() * dt_s;

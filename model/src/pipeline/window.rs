@@ -9,6 +9,7 @@
 //! the sums decay instead of adding up.
 
 use super::settings::Settings;
+use crate::elementary::exp;
 use crate::sample::Stamp;
 
 /// The sums.
@@ -39,7 +40,7 @@ impl Window {
     ) -> Windowed {
         let dt_s = self.last.map_or(0.0, |last| stamp.since(last).get());
         self.last = Some(stamp);
-        let keep = (-dt_s / settings.residual_window_s).exp();
+        let keep = exp(-dt_s / settings.residual_window_s);
         self.weight = self.weight * keep + 1.0;
         self.squared_residual = self.squared_residual * keep + residual_n * residual_n;
         let delta = measured_n - self.mean_n;

@@ -46,8 +46,11 @@
 //!
 //! Source: `[vovk2005]`, `[lei2018]`, `[dunn2022]` and `[barber2021]` in the bibliography (node/docs/guide/bibliography.md).
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 mod table;
 
+use crate::elementary::hypot;
 use crate::error::{Error, ModelFileError, UncertaintyProblem};
 use serde::{Deserialize, Serialize};
 use table::UncertaintyTable;
@@ -301,7 +304,7 @@ impl Uncertainty {
     fn free_run(&self, at: &Operating) -> Option<(Width, bool)> {
         let free_run = self.free_run.as_ref()?;
         let (added, calibrated) = free_run.held(at.drive_age_s)?;
-        Some((free_run.region(at)?.map(added, f64::hypot), calibrated))
+        Some((free_run.region(at)?.map(added, hypot), calibrated))
     }
 
     #[inline]
@@ -313,14 +316,14 @@ impl Uncertainty {
         let (mut added, mut calibrated) = bands.held(at.drive_age_s)?;
         let grown = bands.region(at)?.map(coasting.at(at.coast_s), |width_n, factor| width_n * factor);
         if at.coast_s <= coasting.first_s() * Self::ONE_STEP {
-            return Some((grown.map(added, f64::hypot), calibrated));
+            return Some((grown.map(added, hypot), calibrated));
         }
         if let Some(free_run) = &self.free_run {
             let (added_free, tried) = free_run.held(at.drive_age_s)?;
             added = added.max(added_free);
             calibrated &= tried;
         }
-        let mut width = grown.map(added, f64::hypot);
+        let mut width = grown.map(added, hypot);
         if at.coast_s > coasting.last_s()
             && let Some((free_run, _)) = self.free_run(at)
         {

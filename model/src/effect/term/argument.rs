@@ -21,6 +21,7 @@
 
 use crate::effect::parts::smooth_sign;
 use crate::effect::{Need, Unit};
+use crate::elementary::exp_m1;
 use crate::force::Inputs;
 use crate::force::jet::Real;
 
@@ -252,7 +253,7 @@ impl<R: Real> Signals<R> {
         let speed_m_s = inputs.velocity_m_s.abs();
         if speed_m_s.re().is_finite() {
             self.path_m = self.path_m + speed_m_s * dt_s;
-            let share = -(-dt_s / SPEED_LAG_S).exp_m1();
+            let share = -exp_m1(-dt_s / SPEED_LAG_S);
             self.mean_speed_m_s = self.mean_speed_m_s + (speed_m_s - self.mean_speed_m_s) * share;
         }
         self.follow_turns(inputs.displacement_m);
@@ -317,7 +318,7 @@ impl<R: Real> Signals<R> {
         if (drive.re() - self.held_drive).abs() > DRIVE_CHANGED || !self.held_drive.is_finite() {
             (self.held_drive, self.changed_s) = (drive.re(), self.time_s);
         }
-        let share = -(-dt_s / DRIVE_LAG_S).exp_m1();
+        let share = -exp_m1(-dt_s / DRIVE_LAG_S);
         self.lagged_drive = if self.lagged_drive.re().is_finite() {
             self.lagged_drive + (drive - self.lagged_drive) * share
         } else {

@@ -22,6 +22,7 @@
 
 use super::{Argument, MAX_FORM_PARAMETERS, Term};
 use crate::effect::Unit;
+use crate::elementary::hypot;
 use crate::force::jet::Real;
 use std::f64::consts::TAU;
 
@@ -248,6 +249,6 @@ impl Term {
             return None;
         };
         let ratio = hz / frequency_hz;
-        Some((self.amount() / (1.0 - ratio * ratio).hypot(2.0 * damping * ratio)).abs())
+        Some((self.amount() / hypot(1.0 - ratio * ratio, 2.0 * damping * ratio)).abs())
     }
 }

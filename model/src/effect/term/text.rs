@@ -259,6 +259,7 @@ fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }
+    #[allow(clippy::disallowed_methods, reason = "a text for people")]
     let places = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
     let text = format!("{value:.places$}");
     match text.contains('.') {

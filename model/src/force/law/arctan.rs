@@ -39,7 +39,7 @@ impl MemorylessLaw for Arctan {
         let kappa = p[3] / p[4];
         let u = v + kappa * x;
         let z = p[2] * u;
-        let t = FRAC_2_PI * z.atan();
+        let t = FRAC_2_PI * super::atan(z);
         let step = p[0] * FRAC_2_PI / (1.0 + z * z);
         let by_u = step * p[2] + p[1];
         gradient[0] = t;

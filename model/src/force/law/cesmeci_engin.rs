@@ -56,7 +56,7 @@ impl MemorylessLaw for CesmeciEngin {
         let (v, a, s) = (inputs.velocity_m_s, inputs.acceleration_m_s2, direction(inputs));
         let shifted = v - p[3] * s;
         let z = p[2] * shifted;
-        let t = FRAC_2_PI * z.atan();
+        let t = FRAC_2_PI * super::atan(z);
         let step = p[1] * FRAC_2_PI / (1.0 + z * z);
         gradient[0] = v;
         gradient[1] = t;

@@ -26,7 +26,7 @@ use super::Inputs;
 use super::dependence::Dependence;
 use super::jet::{Jet, Real};
 use super::sets::MAX_FUNCTIONS;
-use super::tanh::tanh;
+use crate::elementary::{atan, tanh};
 use crate::error::Error;
 
 /// Largest number of parameters of a law.

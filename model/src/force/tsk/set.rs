@@ -14,6 +14,7 @@
 //! Source: `[jang1993]` in the bibliography (node/docs/guide/bibliography.md); MATLAB's pages of gaussmf, gauss2mf,
 //! gbellmf, trimf and trapmf.
 
+use crate::elementary::{exp, ln, ln_1p};
 use crate::error::Error;
 
 /// Largest number of numbers of one membership.
@@ -270,12 +271,12 @@ pub(super) fn trapezoid_slopes([a, b, c, d]: &[f64; NUMBERS], u: f64) -> [f64; N
 /// |(u - c)/a|^(2 b) of a bell; infinite if it overflows.
 #[inline]
 pub(super) fn bell_power([a, b, c, _]: &[f64; NUMBERS], u: f64) -> f64 {
-    ((u - c) / a).abs().powf(2.0 * b)
+    exp(2.0 * b * ln(((u - c) / a).abs()))
 }
 
 /// -ln g of a bell, also where its power overflows.
 pub(super) fn bell_energy([a, b, c, _]: &[f64; NUMBERS], u: f64) -> f64 {
     // ln(1 + e^t)
-    let t = 2.0 * b * ((u - c) / a).abs().ln();
-    t.max(0.0) + (-t.abs()).exp().ln_1p()
+    let t = 2.0 * b * ln(((u - c) / a).abs());
+    t.max(0.0) + ln_1p(exp(-t.abs()))
 }

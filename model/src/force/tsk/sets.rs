@@ -21,6 +21,7 @@ use super::Signal;
 use super::set::{
     NUMBERS, Shape, TskSet, bell_energy, bell_power, trapezoid, trapezoid_slopes, two_sided_energy,
 };
+use crate::elementary::{exp, ln};
 use crate::error::{Error, ForceError};
 
 /// Largest number of memberships of one input.
@@ -178,7 +179,7 @@ impl TskInput {
                     nearest = nearest.min(*strength);
                 }
                 for strength in &mut strengths[..self.len] {
-                    *strength = (nearest - *strength).exp();
+                    *strength = exp(nearest - *strength);
                 }
             }
             Shape::TwoSidedGaussian => self.relative(&mut strengths, u, two_sided_energy),
@@ -227,7 +228,7 @@ impl TskInput {
             nearest = nearest.min(*strength);
         }
         for strength in &mut strengths[..self.len] {
-            *strength = (nearest - *strength).exp();
+            *strength = exp(nearest - *strength);
         }
     }
 
@@ -304,5 +305,5 @@ fn bell_slopes(numbers: &[f64; NUMBERS], u: f64, weight: f64) -> [f64; NUMBERS] 
     }
     // 1 - g, which neither overflows nor cancels.
     let slope = weight / (1.0 + 1.0 / bell_power(numbers, u));
-    [2.0 * b / a * slope, -2.0 * (distance / a).abs().ln() * slope, 2.0 * b / distance * slope, 0.0]
+    [2.0 * b / a * slope, -2.0 * ln((distance / a).abs()) * slope, 2.0 * b / distance * slope, 0.0]
 }
