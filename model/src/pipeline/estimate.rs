@@ -26,6 +26,10 @@ impl Pipeline {
         let stamp = sample.stamp;
         let mut reasons = std::mem::take(&mut self.pending);
         let step_s = self.pass_time(sample, &mut reasons, emit);
+        if step_s.is_none_or(|step_s| step_s > self.settings.gap_s) {
+            // A step over a gap says nothing about the period.
+            self.displacement_timing.reset();
+        }
         let taken = self.displacement_timing.place(stamp, displacement_m);
         let before = self.last_taken.replace(taken);
         let taken_step_s = step_s.and(before).map(|before| taken.since(before).get());
