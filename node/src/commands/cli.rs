@@ -3,8 +3,8 @@
 use crate::commands::context::CliContext;
 use crate::commands::logging::{self, LogFormat, Outputs};
 use crate::commands::{
-    close, compare, convert, demo, doctor, evaluate, fis, identify, inverse, node, predict, presets, record,
-    replay, reproduce, serve, simulate, top,
+    close, compare, convert, demo, doctor, evaluate, export, fis, identify, inverse, node, predict, presets,
+    record, replay, reproduce, serve, simulate, top,
 };
 use crate::settings::config::RosArgs;
 use crate::settings::error::NodeError;
@@ -47,6 +47,7 @@ enum Command {
     Close(close::Args),
     Inverse(inverse::Args),
     Fis(fis::Args),
+    Export(export::Args),
     Presets(presets::Args),
     Doctor(doctor::Args),
     Serve(serve::Args),
@@ -79,6 +80,7 @@ impl Command {
             Self::Close(args) if !args.live.live => "close",
             Self::Inverse(_) => "inverse",
             Self::Fis(_) => "fis",
+            Self::Export(_) => "export",
             Self::Presets(_) => "presets",
             // These commands start nodes with names but without parameters.
             Self::Replay(_) => return self.refuse_parameters("replay", given),
@@ -162,6 +164,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Close(args) => close::run(&args, &context),
         Command::Inverse(args) => inverse::run(&args, &context),
         Command::Fis(args) => fis::run(&args, &context),
+        Command::Export(args) => export::run(&args, &context),
         Command::Doctor(args) => doctor::run(&args, &context),
         Command::Presets(args) => presets::run(&args),
         Command::Serve(args) => serve::run(&args, &context),
@@ -223,6 +226,7 @@ mod tests {
             "close --base arx --estimate a --confirm b --out m.toml",
             "inverse m.toml --force a",
             "fis a.fis --rate 512 --out models",
+            "export m.toml --c out",
             "presets",
         ] {
             for ros in ["-r displacement:=/x", "-r __ns:=/a", "-p coast_s:=1", "--enclave /a"] {

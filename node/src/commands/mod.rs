@@ -10,6 +10,7 @@ pub mod convert;
 pub mod demo;
 pub mod doctor;
 pub mod evaluate;
+pub mod export;
 pub mod fis;
 pub mod identify;
 pub mod inverse;

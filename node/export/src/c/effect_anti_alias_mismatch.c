@@ -1,0 +1,27 @@
+/* The anti-aliasing filters of force and displacement differ: two lags of half the delay each.
+   @needs finite elapsed_miss lag
+   @header */
+typedef struct {
+    mrd_elapsed elapsed;
+    mrd_lag lags[2];
+    mrd_lag_coefficients coefficients;
+} mrd_anti_alias_mismatch_state;
+/* @source */
+/* @instance */
+static double mrd_run_@K@(const mrd_parameters *p, mrd_chain *c, const mrd_model_inputs *in) {
+    mrd_anti_alias_mismatch_state *s = &c->effect_@K@;
+    const double force_n = mrd_run_@J@(p, c, in);
+    double since_s;
+    if (!mrd_is_finite(force_n)) {
+        mrd_miss(&s->elapsed, in->dt_s);
+        return mrd_nan();
+    }
+    since_s = mrd_hit(&s->elapsed, in->dt_s);
+    if (mrd_is_nan(since_s)) {
+        mrd_lag_rest(&s->lags[0], force_n);
+        mrd_lag_rest(&s->lags[1], force_n);
+        return force_n;
+    }
+    mrd_lag_update(&s->coefficients, p->@delay_s@ * 0.5, since_s);
+    return mrd_finite(mrd_lag_step(&s->lags[1], &s->coefficients, mrd_lag_step(&s->lags[0], &s->coefficients, force_n)));
+}

@@ -1,0 +1,9 @@
+/* The force differs between extension and compression.
+   @needs finite scaled smooth_sign
+   @header */
+/* @source */
+/* @instance */
+static double mrd_run_@K@(const mrd_parameters *p, mrd_chain *c, const mrd_model_inputs *in) {
+    const double force_n = mrd_run_@J@(p, c, in);
+    return mrd_finite(mrd_scaled(force_n, p->force_offset_n, p->@asymmetry@ * mrd_smooth_sign(in->velocity_m_s) + 1.0));
+}

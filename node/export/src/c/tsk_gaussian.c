@@ -1,0 +1,15 @@
+/* Gaussian sets [centre, sigma] of a fuzzy input, relative to the nearest one.
+   @needs exp min
+   @source */
+static void mrd_tsk_gaussian(const double (*sets)[2], int count, double u, double *strengths) {
+    double nearest = mrd_from_bits(UINT64_C(0x7ff0000000000000));
+    int j;
+    for (j = 0; j < count; j++) {
+        const double distance = (u - sets[j][0]) / sets[j][1];
+        strengths[j] = 0.5 * distance * distance;
+        nearest = mrd_min(nearest, strengths[j]);
+    }
+    for (j = 0; j < count; j++) {
+        strengths[j] = mrd_exp(nearest - strengths[j]);
+    }
+}

@@ -1,0 +1,30 @@
+//! Why a model cannot be exported.
+
+/// Why a model cannot be exported.
+///
+/// ```
+/// use mr_damper_export::{CExport, ExportError};
+/// use mr_damper_model::preset;
+///
+/// let model = preset::load(preset::BEST_FUZZY_TANH)?;
+/// let error = CExport::new("2nd damper", &model).source().unwrap_err();
+/// assert!(matches!(error, ExportError::Name { .. }));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ExportError {
+    /// The name is no identifier of C.
+    #[error("'{name}' is no name for C code: use letters, digits and _, beginning with a letter, at most 40")]
+    Name {
+        /// The name.
+        name: String,
+    },
+    /// A fragment of C code is not as it should be: a fault of this program.
+    #[error("the fragment {fragment} of C code: {what}")]
+    Fragment {
+        /// The fragment.
+        fragment: String,
+        /// What is wrong.
+        what: String,
+    },
+}

@@ -1,0 +1,449 @@
+//! A model as C source: header and source file.
+
+use crate::error::ExportError;
+use crate::features::Features;
+use crate::forces::{Force, drive_unit};
+use crate::fragment::{Fragment, link, resolve};
+use crate::parameter::CParameter;
+use crate::terms::TermCode;
+use mr_damper_model::condition::{ApplyTo, VelocitySource};
+use mr_damper_model::effect::{Effect, EffectModel, Need};
+use mr_damper_model::model::Model;
+use mr_damper_model::pipeline::Settings;
+use mr_damper_model::sample::DriveKind;
+use std::fmt::Write as _;
+
+/// Longest name of an export.
+const LONGEST_NAME: usize = 40;
+
+/// A model to be exported.
+///
+/// ```
+/// use mr_damper_export::CExport;
+/// use mr_damper_model::preset;
+///
+/// let model = preset::load(preset::BEST_FUZZY_TANH)?;
+/// let source = CExport::new("damper", &model).provenance("preset thesis/fuzzy-tanh/rp3-cs").source().expect("it is exported");
+/// assert!(source.header.contains("bool damper_step(const damper_parameters *parameters, damper_state *state"));
+/// assert!(source.source.contains("preset thesis/fuzzy-tanh/rp3-cs"));
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct CExport<'a> {
+    name: String,
+    model: &'a Model,
+    settings: Settings,
+    provenance: Vec<String>,
+}
+
+/// The files of an export.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CSource {
+    /// The name, which all names in the files begin with.
+    pub name: String,
+    /// `NAME.h`.
+    pub header: String,
+    /// `NAME.c`.
+    pub source: String,
+    /// The fields of the parameters' structure, in order.
+    pub parameters: Vec<CParameter>,
+    /// The drive, if the model needs one.
+    pub drive: Option<DriveKind>,
+    /// True if the step has a measured velocity among its inputs.
+    pub needs_velocity: bool,
+    /// True if the step has the case temperature among its inputs.
+    pub needs_temperature: bool,
+}
+
+/// An effect in the source.
+struct Level<'a> {
+    /// 1 for the effect next to the model.
+    number: usize,
+    fragment: String,
+    effect: &'a EffectModel,
+    /// Name of each parameter's field.
+    fields: Vec<String>,
+}
+
+impl<'a> CExport<'a> {
+    /// `model` under `name`, with the service's default settings.
+    #[must_use]
+    pub fn new(name: &str, model: &'a Model) -> Self {
+        Self { name: name.to_owned(), model, settings: Settings::default(), provenance: Vec::new() }
+    }
+
+    /// With limits and timeouts of other settings.
+    #[must_use]
+    pub fn settings(self, settings: &Settings) -> Self {
+        Self { settings: *settings, ..self }
+    }
+
+    /// With a line that says where the model comes from.
+    #[must_use]
+    pub fn provenance(mut self, line: impl Into<String>) -> Self {
+        // The end of a comment within a comment would end it.
+        self.provenance.push(line.into().replace("*/", "* /").replace(['\n', '\r'], " "));
+        self
+    }
+
+    /// The files.
+    ///
+    /// # Errors
+    /// [`ExportError::Name`].
+    pub fn source(&self) -> Result<CSource, ExportError> {
+        self.check_name()?;
+        let model = self.model;
+        let mut features = Features::of(model);
+        let force = Force::of(&model.force);
+        if let Some((name, value)) = force.feature {
+            features.set(name, value);
+        }
+        let levels = self.levels(&force);
+        let of_damper = model.effects.of_damper().as_slice().len();
+        let terms = features
+            .get("HAS_TERMS")
+            .unwrap_or_default()
+            .then(|| TermCode::of(model.effects.terms().iter(), of_damper, model.force.drive()));
+
+        let mut names: Vec<&str> = vec!["bits"];
+        names.extend(self.conditioning_fragments());
+        names.extend(force.fragments.iter().map(String::as_str));
+        let of_force = link(&names)?;
+        names.extend(levels.iter().map(|level| level.fragment.as_str()));
+        names.extend(terms.iter().flat_map(|terms| &terms.fragments));
+        names.push("step");
+        let fragments = link(&names)?;
+
+        let parameters = self.parameters(&force, &levels, terms.as_ref());
+        let text = Text { export: self, features: &features };
+        let parts =
+            Parts { force, levels, of_damper, terms, parameters, fragments, of_force: of_force.len() };
+        let header = text.finish(&self.header(&parts))?;
+        let source = text.finish(&self.body(&parts)?)?;
+        Ok(CSource {
+            name: self.name.clone(),
+            header,
+            source,
+            parameters: parts.parameters,
+            drive: model.force.drive(),
+            needs_velocity: model.conditioning.velocity == VelocitySource::Measured,
+            needs_temperature: model.effects.need(Need::CaseTemperature),
+        })
+    }
+
+    fn check_name(&self) -> Result<(), ExportError> {
+        let mut letters = self.name.chars();
+        let begins = letters.next().is_some_and(|c| c.is_ascii_alphabetic());
+        let is_name = begins
+            && letters.all(|c| c.is_ascii_alphanumeric() || c == '_')
+            && self.name.len() <= LONGEST_NAME;
+        if is_name { Ok(()) } else { Err(ExportError::Name { name: self.name.clone() }) }
+    }
+
+    fn conditioning_fragments(&self) -> Vec<&'static str> {
+        let conditioning = &self.model.conditioning;
+        let mut names = Vec::new();
+        if conditioning.apply_to != ApplyTo::None {
+            names.push("low_pass");
+        }
+        match conditioning.velocity {
+            VelocitySource::Backward => names.push("derivative_backward"),
+            VelocitySource::ThreePoint => names.push("derivative_three_point"),
+            VelocitySource::Slope => names.push("derivative_slope"),
+            VelocitySource::Measured => {}
+        }
+        names
+    }
+
+    fn levels(&self, force: &Force) -> Vec<Level<'a>> {
+        let effects = self.model.effects.as_slice();
+        let level = |(index, effect): (usize, &'a EffectModel)| {
+            let kind = effect.effect();
+            let fragment = match kind {
+                Effect::SeriesSpring if index == 0 && force.has_slope => "series_spring_newton",
+                Effect::SeriesSpring => "series_spring",
+                Effect::SensorDelay if effect.parameters()[0] < 0.0 => "sensor_delay_of_displacement",
+                Effect::SensorDelay => "sensor_delay_of_force",
+                Effect::CoilLagRiseFall => "coil_lag_rise_fall",
+                Effect::FrictionOwnScale => "friction_own_scale",
+                other => other.id(),
+            };
+            let same = |other: &&EffectModel| other.effect().id() == kind.id();
+            let place = if effects.iter().filter(same).count() > 1 {
+                format!("_{}", index + 1)
+            } else {
+                String::new()
+            };
+            let fields =
+                kind.parameters().iter().map(|parameter| format!("{}{place}_{}", kind.id(), parameter.name));
+            Level {
+                number: index + 1,
+                fragment: format!("effect_{fragment}"),
+                effect,
+                fields: fields.collect(),
+            }
+        };
+        effects.iter().enumerate().map(level).collect()
+    }
+
+    fn parameters(&self, force: &Force, levels: &[Level<'_>], terms: Option<&TermCode>) -> Vec<CParameter> {
+        let (model, settings) = (self.model, &self.settings);
+        let mut all = force.parameters.clone();
+        for level in levels {
+            let effect = level.effect;
+            for ((known, value), field) in
+                effect.effect().parameters().iter().zip(effect.parameters()).zip(&level.fields)
+            {
+                let unit = known.unit.symbol().or(model.force.drive().map(drive_unit)).unwrap_or_default();
+                let [low, high] = known.allowed();
+                let about = format!("effect {}: {}", effect.effect().title(), known.label());
+                let parameter = CParameter::scalar(field, unit, about, *value);
+                let range = (low.is_finite() && high.is_finite()).then_some([low, high]);
+                all.push(CParameter { range, ..parameter });
+            }
+        }
+        all.extend(terms.iter().flat_map(|terms| terms.parameters.clone()));
+        let conditioning = &model.conditioning;
+        if conditioning.apply_to != ApplyTo::None {
+            let of = if conditioning.apply_to == ApplyTo::Inputs { "displacement" } else { "force" };
+            let about = format!("corner frequency of the low-pass of {of}");
+            all.push(
+                CParameter::scalar("cutoff_hz", "Hz", about, conditioning.cutoff_hz).within([0.1, 10_000.0]),
+            );
+        }
+        if conditioning.velocity == VelocitySource::Slope {
+            let about = "window of the slope that is the velocity";
+            all.push(
+                CParameter::scalar("slope_window_s", "s", about, conditioning.slope_window_s)
+                    .within([1e-4, 1.0]),
+            );
+        }
+        all.extend([
+            CParameter::scalar(
+                "gap_s",
+                "s",
+                "longest time between displacements without a restart",
+                settings.gap_s,
+            ),
+            CParameter::scalar(
+                "displacement_max_m",
+                "m",
+                "displacements beyond it are refused",
+                settings.plausible.displacement_max_m,
+            ),
+            CParameter::scalar(
+                "speed_max_m_s",
+                "m/s",
+                "largest speed of the rod",
+                settings.plausible.speed_max_m_s,
+            ),
+        ]);
+        let (envelope, drive) = (&model.envelope, model.force.drive());
+        if drive.is_some() {
+            let about = "age of the drive beyond which it is stale";
+            all.push(CParameter::scalar("input_timeout_s", "s", about, settings.input_timeout_s));
+        }
+        let mut range = |name: String, unit: &str, what: &str, range: Option<[f64; 2]>| {
+            if let Some(range) = range {
+                all.push(CParameter::array(
+                    name,
+                    unit,
+                    format!("{what} of the training data, low and high"),
+                    &range,
+                ));
+            }
+        };
+        range("displacement_range_m".to_owned(), "m", "displacements", envelope.displacement_m);
+        range("velocity_range_m_s".to_owned(), "m/s", "velocities", envelope.velocity_m_s);
+        if let Some(kind) = drive {
+            range(format!("drive_range_{}", kind.unit_suffix()), drive_unit(kind), "drives", envelope.drive);
+        }
+        if model.effects.need(Need::CaseTemperature) {
+            range(
+                "case_temp_range_c".to_owned(),
+                "degrees Celsius",
+                "case temperatures",
+                envelope.case_temp_c,
+            );
+        }
+        range("force_range_n".to_owned(), "N", "forces", envelope.force_n);
+        all
+    }
+
+    fn header(&self, parts: &Parts<'_>) -> String {
+        let Parts { force, levels, parameters, fragments, .. } = parts;
+        let mut sizes = String::new();
+        for (name, value, about) in &force.sizes {
+            let _ = writeln!(sizes, "#define MRD_{name} {value} /* {about} */");
+        }
+        let fields: String = parameters.iter().map(CParameter::declaration).collect();
+        let mut types = String::new();
+        for fragment in fragments.iter().filter(|fragment| !fragment.header.trim().is_empty()) {
+            let _ = writeln!(types, "{}{}", fragment.about, fragment.header.trim_end());
+            types.push('\n');
+        }
+        let mut states = String::new();
+        for level in levels {
+            if let Some(name) = state_type(level, fragments) {
+                let _ = writeln!(states, "    {name} effect_{};", level.number);
+            }
+        }
+        if parts.terms.is_some() {
+            states += "    mrd_terms_state terms;\n";
+        }
+        include_str!("c/header.h")
+            .replace("@PREFACE@\n", &self.preface(".h"))
+            .replace("@SIZES@\n", &sizes)
+            .replace("@PARAMETERS@", &fields)
+            .replace("@TYPES@\n", &types)
+            .replace("@EFFECT_STATES@", &states)
+    }
+
+    /// The comment at the head of each file.
+    fn preface(&self, ending: &str) -> String {
+        let model = self.model;
+        let effects: Vec<String> =
+            model.effects.as_slice().iter().map(|effect| effect.effect().title()).collect();
+        let effects =
+            if effects.is_empty() { String::new() } else { format!(" with {}", effects.join(", ")) };
+        let mut lines = vec![
+            format!("{}{ending}: force of a magneto-rheological damper.", self.name),
+            format!("Model {}{effects}.", model.force.name()),
+        ];
+        lines.extend(self.provenance.iter().cloned());
+        lines.push("Written by `mr-damper export`. C99; needs no C library, no heap and no globals. double throughout.".to_owned());
+        format!("/* {} */\n", lines.join("\n   "))
+    }
+
+    fn body(&self, parts: &Parts<'_>) -> Result<String, ExportError> {
+        let Parts { force, levels, parameters, fragments, .. } = parts;
+        let mut body = self.preface(".c") + include_str!("c/preamble.c");
+        let defaults: Vec<String> = parameters.iter().map(CParameter::initialiser).collect();
+        let _ = write!(
+            body,
+            "\nconst mrd_parameters mrd_default_parameters = {{\n{}\n}};\n",
+            defaults.join(",\n")
+        );
+        let mut is_glued = force.glue.is_empty();
+        for (index, fragment) in fragments.iter().enumerate() {
+            if fragment.name.starts_with("force_") && !is_glued {
+                let _ = write!(body, "\n{}", force.glue);
+                is_glued = true;
+            }
+            if index == parts.of_force {
+                body += RUN_FORCE;
+            }
+            if fragment.name == "step" {
+                let (damper, load_cell) = levels.split_at(parts.of_damper);
+                for level in damper {
+                    body += &instance(level, &(level.number - 1).to_string(), fragments)?;
+                }
+                if let Some(terms) = &parts.terms {
+                    body += &terms.code;
+                }
+                for level in load_cell {
+                    body += &instance(level, &parts.inside(level.number - 1), fragments)?;
+                }
+            }
+            if !fragment.source.trim().is_empty() {
+                let _ = write!(body, "\n{}{}", fragment.about, fragment.source);
+            }
+        }
+        let of_damper = parts.inside(parts.of_damper);
+        Ok(body.replace("@DAMPER@", &of_damper).replace("@READING@", &parts.inside(levels.len())))
+    }
+}
+
+/// Everything that the files are written from.
+struct Parts<'a> {
+    force: Force,
+    levels: Vec<Level<'a>>,
+    /// Number of levels that are effects of the damper.
+    of_damper: usize,
+    terms: Option<TermCode>,
+    parameters: Vec<CParameter>,
+    fragments: Vec<Fragment>,
+    /// Number of fragments that the force model needs.
+    of_force: usize,
+}
+
+impl Parts<'_> {
+    /// The name of level `number`: the terms are around the effects of the damper.
+    fn inside(&self, number: usize) -> String {
+        if number == self.of_damper && self.terms.is_some() { "terms".to_owned() } else { number.to_string() }
+    }
+}
+
+/// The innermost level: the force model.
+const RUN_FORCE: &str = "
+/* The force model without effects. */
+static double mrd_run_0(const mrd_parameters *p, mrd_chain *c, const mrd_model_inputs *in) {
+    return mrd_force(p, &c->force, in);
+}
+";
+
+/// Name of the type of an effect's state, if it has one: the last type of its header.
+fn state_type<'f>(level: &Level<'_>, fragments: &'f [Fragment]) -> Option<&'f str> {
+    let fragment = fragments.iter().find(|fragment| fragment.name == level.fragment)?;
+    let last = fragment.header.trim_end().lines().last()?;
+    last.strip_prefix("} ")?.strip_suffix(';')
+}
+
+/// The code of one effect.
+fn instance(level: &Level<'_>, inside: &str, fragments: &[Fragment]) -> Result<String, ExportError> {
+    let fragment = fragments.iter().find(|fragment| fragment.name == level.fragment).ok_or_else(|| {
+        ExportError::Fragment { fragment: level.fragment.clone(), what: "it is not linked".to_owned() }
+    })?;
+    let mut code = format!("\n{}{}", fragment.about, fragment.instance)
+        .replace("@K@", &level.number.to_string())
+        .replace("@J@", inside);
+    for (parameter, field) in level.effect.effect().parameters().iter().zip(&level.fields) {
+        code = code.replace(&format!("@{}@", parameter.name), field);
+    }
+    Ok(code)
+}
+
+/// What every text goes through at the end.
+struct Text<'a> {
+    export: &'a CExport<'a>,
+    features: &'a Features,
+}
+
+impl Text<'_> {
+    fn finish(&self, text: &str) -> Result<String, ExportError> {
+        let text = resolve(text, self.features)?;
+        let drive = self.export.model.force.drive();
+        let suffix = drive.map_or("", DriveKind::unit_suffix);
+        let text = text
+            .replace("@DRIVE@", drive.map_or("drive", DriveKind::name))
+            .replace(
+                "@DRIVE_ABOUT@",
+                match drive {
+                    Some(DriveKind::CommandVoltage) => "command voltage, V",
+                    _ => "coil current, A",
+                },
+            )
+            .replace("@NAME@", &self.export.name)
+            .replace("@drive_range@", &format!("drive_range_{suffix}"));
+        let text = [
+            "membership_centres",
+            "membership_sigma",
+            "drive_mean",
+            "drive_deviation",
+            "drive_scale",
+            "memory_drive",
+        ]
+        .iter()
+        .fold(text, |text, name| text.replace(&format!("@{name}@"), &format!("{name}_{suffix}")));
+        if let Some(at) = text.find('@') {
+            let line = text[at..].lines().next().unwrap_or_default();
+            return Err(ExportError::Fragment {
+                fragment: line.to_owned(),
+                what: "it is not filled in".to_owned(),
+            });
+        }
+        Ok(text
+            .replace("mrd_", &format!("{}_", self.export.name))
+            .replace("MRD_", &format!("{}_", self.export.name.to_ascii_uppercase())))
+    }
+}

@@ -1,0 +1,186 @@
+//! Test vectors: generated readings with everything that goes wrong with sensors and buses, and what the service makes of them.
+
+use mr_damper_model::Error;
+use mr_damper_model::condition::VelocitySource;
+use mr_damper_model::effect::Need;
+use mr_damper_model::model::Model;
+use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce};
+use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
+use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::fmt::Write as _;
+
+/// Reasons that exported code gives, too.
+const SHARED: u32 = Reasons::DRIVE_MISSING.0
+    | Reasons::DRIVE_STALE.0
+    | Reasons::DISPLACEMENT_GAP.0
+    | Reasons::INPUT_REFUSED.0
+    | Reasons::OUTSIDE_ENVELOPE.0
+    | Reasons::SETTLING.0
+    | Reasons::TEMPERATURE_MISSING.0
+    | Reasons::INPUT_RANGE.0
+    | Reasons::INPUT_RATE.0;
+
+/// The readings of one sample; NaN where there is none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Readings {
+    /// Time of the readings, ns.
+    pub time_ns: i64,
+    /// Displacement, m.
+    pub displacement_m: f64,
+    /// Drive, A or V.
+    pub drive: f64,
+    /// Measured velocity, m/s.
+    pub velocity_m_s: f64,
+    /// Case temperature, degrees Celsius.
+    pub case_temp_c: f64,
+}
+
+/// What the service makes of one sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Expected {
+    /// False if the displacement was refused.
+    pub accepted: bool,
+    /// Force of the damper, N; NaN if there is none.
+    pub force_n: f64,
+    /// Expected reading of the load cell, N; NaN if there is none.
+    pub reading_n: f64,
+    /// Reasons, as far as exported code gives them.
+    pub flags: u32,
+}
+
+/// `count` samples at a rate of 500 Hz to 2 kHz for `model`: sums of sines with amplitudes, frequencies and drives that change, and among
+/// them lost samples, gaps, NaN, infinities, readings out of range, jumps of the rod, repeated stamps, and a clock that is set back. The
+/// same `seed` gives the same readings. Channels that the model does not take are NaN.
+#[must_use]
+pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let has_drive = model.force.drive().is_some();
+    let has_velocity = model.conditioning.velocity == VelocitySource::Measured;
+    let has_temperature = model.effects.need(Need::CaseTemperature);
+    let mut all = Vec::with_capacity(count);
+    let (mut time_ns, mut phase, mut place_m) = (1_000_000_000_i64, 0.0_f64, 0.0);
+    // The service corrects stamps that jitter, and exported code does not, so the period stays the same.
+    let period_ns = [500_000_i64, 1_000_000, 1_953_125, 2_000_000][random.random_range(0..4)];
+    let (mut hertz, mut stroke_m, mut level, mut temp_c) = (2.0, 0.01, 1.0, 25.0);
+    let chance = |random: &mut Pcg64Mcg, one_in: u32| random.random_range(0..one_in) == 0;
+    while all.len() < count {
+        if all.len() % 2000 == 0 {
+            hertz = 0.3 * 60.0_f64.powf(random.random::<f64>());
+            stroke_m = 0.002 * 12.0_f64.powf(random.random::<f64>());
+            temp_c = 20.0 + 60.0 * random.random::<f64>();
+        }
+        if chance(&mut random, 150) {
+            level = if chance(&mut random, 5) { 0.0 } else { 3.0 * random.random::<f64>() };
+        }
+        let before_ns = time_ns;
+        time_ns += period_ns;
+        if chance(&mut random, 300) {
+            // A few lost samples, or a gap.
+            time_ns += period_ns * if chance(&mut random, 4) { 400 } else { random.random_range(1..6) };
+        }
+        if chance(&mut random, 4000) {
+            time_ns -= [2_000_000_000, 100_000_000, period_ns][random.random_range(0..3)];
+        }
+        if chance(&mut random, 3000) {
+            place_m = 0.03 * (random.random::<f64>() - 0.5);
+        }
+        phase += std::f64::consts::TAU * hertz * (time_ns - before_ns).max(0) as f64 * 1e-9;
+        // A micrometre of noise: the service compares the stamps with even times by the roughness of the displacement.
+        let noise_m = 1e-6 * (random.random::<f64>() - 0.5);
+        let mut displacement_m =
+            place_m + stroke_m * phase.sin() + 0.1 * stroke_m * (7.3 * phase).sin() + noise_m;
+        if chance(&mut random, 400) {
+            displacement_m = [f64::NAN, f64::INFINITY, -5.0, displacement_m + 0.4][random.random_range(0..4)];
+        }
+        let drive = match random.random_range(0..900) {
+            _ if !has_drive => f64::NAN,
+            0 => [f64::NEG_INFINITY, 5e3][random.random_range(0..2)],
+            1..150 => f64::NAN,
+            _ => level + 0.02 * (3.1 * phase).sin(),
+        };
+        let velocity_m_s = if !has_velocity || chance(&mut random, 40) {
+            f64::NAN
+        } else {
+            stroke_m * hertz * 6.2 * phase.cos()
+        };
+        let case_temp_c =
+            if has_temperature && chance(&mut random, 50) { temp_c + phase.sin() } else { f64::NAN };
+        all.push(Readings { time_ns, displacement_m, drive, velocity_m_s, case_temp_c });
+    }
+    all
+}
+
+/// What the service's free-run channel makes of `readings`, with default settings and without measured force.
+///
+/// # Errors
+/// When the model cannot run in a pipeline.
+pub fn expected(model: &Model, readings: &[Readings]) -> Result<Vec<Expected>, Error> {
+    // Without bumpless transfer the estimate is the model's force.
+    let settings =
+        Settings { use_measured_force: UseForce::Never, bumpless_tau_s: 0.0, ..Settings::default() };
+    let mut pipeline = Pipeline::new(Models { free: *model, seeded: None }, settings)?;
+    let drive_kind = model.force.drive();
+    let mut all = Vec::with_capacity(readings.len());
+    for r in readings {
+        let stamp = Stamp::from_nanos(r.time_ns);
+        let given = |value: f64| (!value.is_nan()).then_some(value);
+        let channels = [
+            drive_kind.zip(given(r.drive)).map(|(kind, value)| Reading::Drive(Drive::new(kind, value))),
+            given(r.velocity_m_s).map(|v| Reading::Velocity(MetrePerSecond(v))),
+            given(r.case_temp_c).map(|t| Reading::CaseTemperature(Celsius(t))),
+            Some(Reading::Displacement(Metre(r.displacement_m))),
+            // The expected reading is part of a residual, and a residual needs a measured force.
+            Some(Reading::Force(Newton(0.0))),
+        ];
+        let refused = Reasons::INPUT_REFUSED.0;
+        let mut own = Expected { accepted: false, force_n: f64::NAN, reading_n: f64::NAN, flags: refused };
+        for reading in channels.into_iter().flatten() {
+            pipeline.step(&Sample { stamp, received: stamp, reading }, &mut |event| match event {
+                Event::Estimate(estimate) => {
+                    let force_n = if estimate.mode == Mode::Model { estimate.force.get() } else { f64::NAN };
+                    own = Expected {
+                        accepted: true,
+                        force_n,
+                        reading_n: f64::NAN,
+                        flags: estimate.reasons.0 & SHARED,
+                    };
+                }
+                Event::Residual(residual) if residual.stamp == stamp => {
+                    own.reading_n = residual.predicted.get()
+                }
+                _ => {}
+            });
+        }
+        all.push(own);
+    }
+    Ok(all)
+}
+
+/// Test vectors as CSV: the readings, and what the exported code must return, each number exact. An empty cell is NaN.
+///
+/// # Errors
+/// See [`expected`].
+pub fn csv(model: &Model, readings: &[Readings]) -> Result<String, Error> {
+    let drive = model.force.drive().map_or("drive", |kind| kind.name());
+    let mut text =
+        format!("time_ns,displacement_m,{drive},velocity_m_s,case_temp_c,accepted,force_n,reading_n,flags\n");
+    let cell = |value: f64| if value.is_nan() { String::new() } else { format!("{value:?}") };
+    for (r, e) in readings.iter().zip(expected(model, readings)?) {
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{},{},{},{},{}",
+            r.time_ns,
+            cell(r.displacement_m),
+            cell(r.drive),
+            cell(r.velocity_m_s),
+            cell(r.case_temp_c),
+            u32::from(e.accepted),
+            cell(e.force_n),
+            cell(e.reading_n),
+            e.flags
+        );
+    }
+    Ok(text)
+}
