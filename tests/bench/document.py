@@ -48,7 +48,7 @@ def step(figures):
     others = sorted([*ns["identified"].items(), *ns.get("p", {}).items()], key=lambda row: row[1])
     each = ", ".join(f"{name} {took:.0f}" for name, took in others)
     methods = ["search", "polynomial", "fuzzy", "chen", "wang-liao", "wang-hu"]
-    commands = [f"{name} {counted[name] - idle} ({single[name][0]} ns)" for name in methods if name in counted and name in single]
+    commands = [f"{name} {counted[name] - idle}" for name in methods if name in counted]
     return f"""## One step
 
 Time of one sample in simulation of a model, and in the whole pipeline of the estimating thread: gates, conditioning, both models,
@@ -66,8 +66,8 @@ for and is the most expensive effect, {spring:.2f}, {verdict(spring, 1.2)} (`car
 
 Time of each model that can be identified, following the current, in ns: {each}.
 
-Instructions of one command of the inverse controller with the fuzzy-tanh model, and the median of single commands as above, by
-`inverse.method`: {", ".join(commands)}. The last three are learned inverses.
+Instructions of one command of the inverse controller with the fuzzy-tanh model, by `inverse.method`: {", ".join(commands)}.
+The last three are learned inverses with hand-set numbers; the step of the force model, which gives the achievable range, is included.
 
 The exponentials and tanh functions of the step are shared or our own (`model/src/force/tanh.rs`); tests compare them with the
 standard library's, to 1e-12.
