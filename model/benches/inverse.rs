@@ -5,10 +5,12 @@
 //! cargo bench -p mr-damper-model --bench inverse
 //! ```
 
+mod learned;
 mod motion;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use learned::with_learned;
 use motion::{SAMPLES, motion};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, ForceLaw, ForceModel, LawModel};
@@ -64,6 +66,13 @@ fn command(bencher: Bencher, model: &Model, method: Method) {
 #[divan::bench(args = [Method::Search, Method::Polynomial, Method::Fuzzy])]
 fn fuzzy_tanh(bencher: Bencher, method: Method) {
     command(bencher, &fuzzy_tanh_model(), method);
+}
+
+/// Learned inverses, with the step of the force model, which gives the achievable range. A search answers while the history is incomplete.
+#[divan::bench(args = [Method::Chen, Method::WangLiao, Method::WangHu])]
+fn fuzzy_tanh_learned(bencher: Bencher, method: Method) {
+    let kind = method.learned().expect("a learned inverse");
+    command(bencher, &with_learned(fuzzy_tanh_model(), kind), method);
 }
 
 #[divan::bench(args = [Method::Search, Method::Polynomial, Method::Fuzzy])]

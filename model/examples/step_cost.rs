@@ -10,6 +10,8 @@
 //! worst of a million is then a long step, not one that was preempted. The step "nothing" shows the cost of
 //! timing itself. Instructions are the difference between two run lengths, and do not depend on the machine.
 
+#[path = "../benches/learned/mod.rs"]
+mod learned;
 #[path = "../benches/subject/mod.rs"]
 mod subject;
 
@@ -54,7 +56,7 @@ fn all() -> Vec<&'static str> {
 }
 
 /// Methods to find the current for a demanded force.
-const METHODS: [&str; 3] = ["search", "polynomial", "fuzzy"];
+const METHODS: [&str; 6] = ["search", "polynomial", "fuzzy", "chen", "wang-liao", "wang-hu"];
 
 /// A road of three sines, and a changing demanded force that sometimes exceeds the damper's range.
 fn inputs(k: u64) -> (Inputs, f64) {
@@ -83,6 +85,7 @@ fn step(what: &str) -> Option<Box<dyn FnMut(u64)>> {
     }
     if let Some(method) = Method::named(what).filter(|_| METHODS.contains(&what)) {
         let model = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
+        let model = method.learned().map_or(model, |kind| learned::with_learned(model, kind));
         let mut controller = InverseController::with_method(&model, Limits::default(), method)
             .expect("a model with an inverse");
         return Some(Box::new(move |k| {

@@ -106,4 +106,8 @@ pub mod statistics;
 pub mod uncertainty;
 pub mod units;
 
+#[cfg(test)]
+#[path = "../tests/oracles/mod.rs"]
+mod numbers;
+
 pub use error::Error;

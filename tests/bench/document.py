@@ -47,6 +47,8 @@ def step(figures):
     head = ["one sample", "ns", "goal", "instructions", "single: median / worst, ns"]
     others = sorted([*ns["identified"].items(), *ns.get("p", {}).items()], key=lambda row: row[1])
     each = ", ".join(f"{name} {took:.0f}" for name, took in others)
+    methods = ["search", "polynomial", "fuzzy", "chen", "wang-liao", "wang-hu"]
+    commands = [f"{name} {counted[name] - idle}" for name in methods if name in counted]
     return f"""## One step
 
 Time of one sample in simulation of a model, and in the whole pipeline of the estimating thread: gates, conditioning, both models,
@@ -63,6 +65,9 @@ Time of a whole sample with one effect relative to none, goal 1.2: coil lag {lag
 for and is the most expensive effect, {spring:.2f}, {verdict(spring, 1.2)} (`cargo bench -p mr-damper-model --bench effects` has all effects).
 
 Time of each model that can be identified, following the current, in ns: {each}.
+
+Instructions of one command of the inverse controller with the fuzzy-tanh model, by `inverse.method`: {", ".join(commands)}.
+The last three are learned inverses with hand-set numbers; the step of the force model, which gives the achievable range, is included.
 
 The exponentials and tanh functions of the step are shared or our own (`model/src/force/tanh.rs`); tests compare them with the
 standard library's, to 1e-12.

@@ -83,6 +83,7 @@ impl Recursion {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numbers::agrees;
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
@@ -155,5 +156,22 @@ mod tests {
             assert!((found[j] - truth[of]).abs() < 1e-9, "{j}: {found} {truth}");
         }
         assert!((found[0] - 2.0).abs() < 0.01 && (found[2] + 40.0).abs() < 0.01, "{found}");
+    }
+
+    #[test]
+    fn the_square_root_form_gives_the_coefficients_of_the_covariance_recursion_in_numpy() {
+        for forgetting in [1.0, 0.98] {
+            let mut recursion = Recursion::new(4, forgetting, 1e6);
+            for k in (1..=300).map(f64::from) {
+                if k == 151.0 {
+                    recursion.restart(3, 1e6);
+                }
+                let phi = [(0.3 * k).sin(), (0.71 * k).cos(), (1.7 * k + 1.0).sin(), 1.0];
+                let step = if k > 150.0 { 30.0 } else { 0.0 };
+                let y = 2.0 * phi[0] - 3.0 * phi[1] + 0.5 * phi[2] + 7.0 + 0.2 * (11.0 * k).sin() - step;
+                recursion.update(&phi, y);
+            }
+            agrees(&format!("recursion.{forgetting}"), recursion.coefficients().as_slice(), 1e-9);
+        }
     }
 }

@@ -147,8 +147,8 @@ pub struct FittedTsk {
     /// Offset of each run, N.
     pub offsets_n: Vec<f64>,
     /// RMSE after each epoch, N. The first is the error of the uniform grid; a reverted epoch repeats the
-    /// previous value. For an evolution: after each generation, on its sample of the rows. For back-propagation: the
-    /// lowest so far, on its sample of the rows.
+    /// previous value. For an evolution: after each generation, on its sample of the rows, with the regularisation term.
+    /// For back-propagation: the lowest so far, on its sample of the rows.
     pub epoch_rsse_n: Vec<f64>,
     /// False if the epochs of hybrid learning ran out before the error stalled.
     pub converged: bool,

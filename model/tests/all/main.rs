@@ -11,6 +11,8 @@ mod jitter_support;
 mod measured;
 #[path = "../../benches/middle/mod.rs"]
 mod middle;
+#[path = "../oracles/mod.rs"]
+mod numbers;
 
 // The running pipeline.
 mod alarm;
@@ -37,6 +39,7 @@ mod identify_measured;
 mod identify_minpack;
 mod identify_network;
 mod identify_tsk;
+mod oracles;
 
 // Effects and diagnosis.
 mod diagnosis_cases;

@@ -167,7 +167,12 @@ fn part_html(part: &Part, item: &Item) -> Markup {
 fn figures(unit: &str, decimals: usize, labels: &[&str], rows: &[ComparedFigure]) -> Markup {
     let number = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.decimals$}"));
     let signed = |value: Option<f64>| {
-        value.map_or("–".to_owned(), |value| format!("{value:+.decimals$}").replace('-', "\u{2212}"))
+        let text = value.map_or("–".to_owned(), |value| format!("{value:+.decimals$}"));
+        // A difference that the decimals do not show has no sign.
+        match text.trim_start_matches(['+', '-']) {
+            zero if zero.chars().all(|c| matches!(c, '0' | '.')) => zero.to_owned(),
+            _ => text.replace('-', "\u{2212}"),
+        }
     };
     if let [down, across] = labels {
         return matrix(
@@ -213,8 +218,7 @@ fn matrix(unit: &str, (down, across): (&str, &str), rows: &[ComparedFigure], lin
         all
     };
     let columns = distinct(1);
-    let corner = if unit.is_empty() { across.to_owned() } else { format!("{across}, in {unit}") };
-    let mut heads = vec![format!("={down}"), format!("={corner}")];
+    let mut heads = vec![format!("={down}"), format!("={across}")];
     heads.extend(columns.iter().map(|name| format!("#{name}")));
     let mut body = Vec::new();
     for name in distinct(0) {
@@ -228,7 +232,10 @@ fn matrix(unit: &str, (down, across): (&str, &str), rows: &[ComparedFigure], lin
         }
     }
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
-    table(&heads, &body)
+    html! {
+        @if !unit.is_empty() { p { "Figures in " (unit) "." } }
+        (table(&heads, &body))
+    }
 }
 
 /// The figures of all tables as they are written to JSON.
@@ -317,7 +324,7 @@ mod tests {
             published: Some(published),
             here: Some(here),
         };
-        let rows = [row("S-P", "1", 52.0, 50.0), row("S-P", "2", 51.0, 51.5), row("P", "2", 13.0, 12.0)];
+        let rows = [row("S-P", "1", 52.0, 50.0), row("S-P", "2", 51.0, 50.96), row("P", "2", 13.0, 13.5)];
         let page = figures("%", 1, &["model", "experiment"], &rows).into_string();
         let cells: Vec<&str> =
             page.split("<td").skip(1).filter_map(|cell| cell.split(['>', '<']).nth(1)).collect();
@@ -329,11 +336,12 @@ mod tests {
             "",
             "here",
             "50.0",
-            "51.5",
+            "51.0",
             "",
             "difference",
             "\u{2212}2.0",
-            "+0.5",
+            // −0.04
+            "0.0",
             "P",
             "published",
             "",
@@ -341,11 +349,11 @@ mod tests {
             "",
             "here",
             "",
-            "12.0",
+            "13.5",
             "",
             "difference",
             "",
-            "\u{2212}1.0",
+            "+0.5",
         ];
         assert_eq!(cells, expected);
     }

@@ -135,6 +135,8 @@ impl Lazy {
 mod tests {
     use super::super::{LazyMetric, LazyPoint};
     use super::*;
+    use crate::numbers::agrees;
+    use crate::sample::DriveKind;
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
@@ -203,5 +205,43 @@ mod tests {
             assert!((learning.nearest[j].0 - truth).abs() < 1e-12, "{j}");
         }
         assert_eq!(points.len(), 60);
+    }
+
+    /// The rule by brute force in numpy: the sample that each point of the memory came from, and forces of the learned memory.
+    #[test]
+    fn four_hundred_samples_leave_the_memory_of_a_replay_in_numpy() {
+        let share = |k: usize, step: f64| 2.0 * (k as f64 * step).fract() - 1.0;
+        let point = |k: usize| {
+            let [x, v, i] = [0.819_172_513, 0.671_043_607, 0.549_700_477].map(|step| share(k, step));
+            LazyPoint {
+                displacement_m: x,
+                velocity_m_s: v,
+                drive: i,
+                force_n: 100.0 * (3.0 * x).sin() + 80.0 * v + 50.0 * i,
+            }
+        };
+        let points: Vec<LazyPoint> = (0..40).map(point).collect();
+        let drive_scale = Some((DriveKind::CoilCurrent, 0.8));
+        let metric = LazyMetric { displacement_scale_m: 0.5, velocity_scale_m_s: 0.3, drive_scale };
+        let mut learning = Learning::new(&Lazy::new(metric, [5, 12], &points, 15.0).expect("a model"));
+        let sample = |k: usize| {
+            let k = k as f64;
+            let [x, v, i] = [0.9 * (0.37 * k).sin(), 0.7 * (0.91 * k).cos(), (0.053 * k).sin()];
+            [x, v, i, 60.0 * (3.0 * x).sin() + 90.0 * v + 40.0 * i]
+        };
+        for k in 0..400 {
+            let [x, v, i, force_n] = sample(k);
+            learning.learn(x, v, i, force_n + 15.0);
+        }
+        let ForceModel::Lazy(lazy) = learning.force() else { panic!("it stays a lazy model") };
+        let origin = |p: LazyPoint| {
+            let found = (0..400).position(|k| sample(k)[..2] == [p.displacement_m, p.velocity_m_s]);
+            found.map_or(-1.0, |k| k as f64)
+        };
+        let origins: Vec<f64> = lazy.points().map(origin).collect();
+        agrees("boada.origin", &origins, 0.0);
+        let forces_n =
+            [(0.1, 0.2, -0.3), (-0.6, 0.4, 0.5), (0.8, -0.5, 0.9)].map(|(x, v, i)| lazy.force_n(x, v, i));
+        agrees("boada.force_n", &forces_n, 1e-9);
     }
 }

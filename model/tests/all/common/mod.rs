@@ -2,15 +2,17 @@
 
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
+#[path = "../../../benches/learned/mod.rs"]
+mod learned;
+
+pub(crate) use learned::with_learned;
 use mr_damper_model::Error;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::force::{
-    ForceModel, FuzzySets, Lazy, LazyMetric, LazyPoint, MAX_POINTS, MaxwellSlip, Membership, Normalisation,
-    SlipFunction, SlipGrid,
+    ForceModel, FuzzySets, Lazy, LazyMetric, LazyPoint, MAX_POINTS, MaxwellSlip, Membership, SlipFunction,
+    SlipGrid,
 };
-use mr_damper_model::inverse::{
-    FuzzyAxis, InverseFuzzy, InverseKind, InverseModel, InverseNetwork, InverseScaling, Method,
-};
+use mr_damper_model::inverse::Method;
 use mr_damper_model::model::{Envelope, Model};
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{
@@ -18,7 +20,7 @@ use mr_damper_model::pipeline::{
 };
 use mr_damper_model::preset;
 use mr_damper_model::sample::{Channel, Drive, DriveKind, Reading, Sample, Stamp};
-use mr_damper_model::units::{Ampere, Metre, Newton, Second};
+use mr_damper_model::units::{Ampere, Metre, Newton};
 use std::ops::Range;
 
 /// Sample period of the thesis, ns.
@@ -82,35 +84,6 @@ pub(crate) fn lazy() -> Model {
         ..Envelope::default()
     };
     Model { force: ForceModel::Lazy(model), conditioning, envelope, ..preset(preset::BEST_FUZZY_TANH) }
-}
-
-/// `model` with a learned inverse of the given kind. Its numbers are hand-set, so it follows no demand well, but its current depends on all
-/// inputs and leaves the limits at both ends.
-pub(crate) fn with_learned(model: Model, kind: InverseKind) -> Model {
-    let of = |mean, deviation| Normalisation { mean, deviation };
-    let scaling = InverseScaling {
-        displacement_m: of(0.0, 0.006),
-        velocity_m_s: of(0.0, 0.1),
-        force_n: of(0.0, 500.0),
-        current_a: of(1.2, 1.5),
-    };
-    let inverse = match kind.network() {
-        Some(structure) => {
-            let weights: Vec<f64> =
-                (0..structure.weights(true)).map(|k| 0.4 * (f64::from(k as u32) * 1.7).sin()).collect();
-            let period = Second(PERIOD_NS as f64 * 1e-9);
-            InverseNetwork::new(structure, scaling, &weights, period).map(InverseModel::Network)
-        }
-        None => {
-            let axis =
-                |std_dev| FuzzyAxis { mean: 0.0, std_dev, centres: [-1.5, 0.0, 1.5], sigmas: [0.7; 3] };
-            let conclusions =
-                std::array::from_fn(|r| std::array::from_fn(|m| (f64::from((4 * r + m) as u32) * 0.9).sin()));
-            let axes = [axis(0.1), axis(4.0), axis(500.0)];
-            InverseFuzzy::new(axes, &conclusions, 1.2, 0.9).map(InverseModel::Fuzzy)
-        }
-    };
-    Model { inverse: Some(inverse.expect("numbers in range")), ..model }
 }
 
 /// `model` with what `method` needs.

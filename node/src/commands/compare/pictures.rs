@@ -170,12 +170,14 @@ pub(in crate::commands) fn force_velocity(
         };
         ForcePlot { title, measured, models: drawn.iter().map(curve).collect() }
     };
+    let at = match ranges.len() {
+        levels if stepped => format!("at {levels} levels of its drive"),
+        _ => "in equal ranges of its drive (which has no levels)".to_owned(),
+    };
     let caption = format!(
-        "{}, replicate {}, {}. Dots are measured. Each model has two lines: its mean force while velocity rises and while \
+        "{}, replicate {}, {at}. Dots are measured. Each model has two lines: its mean force while velocity rises and while \
          it falls; the gap between the lines is the hysteresis.",
-        experiment.name,
-        replicate.number,
-        if stepped { "at levels of its drive" } else { "in equal ranges of its drive (which has no levels)" }
+        experiment.name, replicate.number,
     );
     (ranges.iter().map(picture).collect(), caption)
 }

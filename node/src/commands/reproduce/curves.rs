@@ -33,7 +33,7 @@ pub(super) fn chapter_5(results: &Results) -> Chapter {
     Chapter {
         title: "Thesis, chapter 5: comparison of the best models".to_owned(),
         remark: "The best model of each kind is the semi-active one whose training experiment gives the lowest mean NMSE here, which need \
-                 not be the experiment of the thesis."
+                 not be the experiment of the thesis. Tables have the units of the thesis, plots SI units."
             .to_owned(),
         items,
     }

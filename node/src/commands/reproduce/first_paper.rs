@@ -4,6 +4,7 @@
 //! such a model cannot be identified. The paper must therefore have fitted each run separately. This is done here too: each model is
 //! identified on each run, and its error is computed on the same run.
 
+use super::thesis_tables::BOXES;
 use super::{Args, P, SP, ThesisModel, rig_runs};
 use crate::commands::compare::bar;
 use crate::commands::compare::drawn::Drawn;
@@ -70,8 +71,9 @@ pub(super) fn chapter(args: &Args, context: &CliContext) -> Result<Chapter, Node
         title: "First paper: ten experiments up to 4 A".to_owned(),
         remark: "Each model is identified on each run, and its error is that on the same run: the current-dependent forms exist only where \
                  the current varies within a run, as in the paper's tables. NARX predicts one step ahead, P explains each measured force \
-                 by itself. The rig is calibrated up to 2.5 A and extrapolates beyond."
-            .to_owned(),
+                 by itself. The rig is calibrated up to 2.5 A and extrapolates beyond. "
+            .to_owned()
+            + BOXES,
         items,
     })
 }
@@ -186,7 +188,8 @@ fn table(fits: &[Fitted], number: &str, form: Form, experiments: usize) -> Item 
         parts: vec![Part::Figures {
             what: "",
             unit: "%",
-            decimals: 1,
+            // Tenths are published; NARX is below them here.
+            decimals: 2,
             labels: vec!["model", "experiment"],
             rows,
         }],
@@ -211,7 +214,7 @@ fn boxes(fits: &[Fitted], number: &str, model: ThesisModel, form: Form, experime
 fn figures(runs: &[PaperRun], options: &Options, context: &CliContext) -> Result<Vec<Item>, NodeError> {
     let first = |experiment: usize| runs.iter().find(|run| run.experiment == experiment);
     let alone = |run: &PaperRun| Experiment {
-        name: format!("experiment {}", run.experiment),
+        name: format!("Experiment {}", run.experiment),
         replicates: vec![Replicate { number: 1, data: run.data.clone() }],
         training: 1,
     };

@@ -3,6 +3,7 @@
 //! The paper counts seven replicates of each experiment with stepped current, one for each step of the current. The error of a step is
 //! relative to the variance of the force in this step.
 
+use super::thesis_tables::BOXES;
 use super::{ANFIS, FUZZY_TANH, Results, STEPPED, ThesisModel, of};
 use mr_damper_model::compare::{BoxPlot, Finished};
 use mr_damper_model::force::Form;
@@ -52,8 +53,9 @@ pub(super) fn chapter(results: &Results) -> Chapter {
     Chapter {
         title: "Second paper: fuzzy models".to_owned(),
         remark: "Simulations. On experiments with stepped current each step counts as a replicate, as in the paper; the steps that a model \
-                 was trained on are included, because the paper does not leave them out."
-            .to_owned(),
+                 was trained on are included, because the paper does not leave them out. "
+            .to_owned()
+            + BOXES,
         items,
     }
 }

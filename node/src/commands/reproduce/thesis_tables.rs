@@ -75,6 +75,10 @@ impl Measure {
     }
 }
 
+/// What the parts of a box plot are.
+pub(super) const BOXES: &str = "A box reaches from the lower to the upper quartile, with a bar at the median; its whiskers reach the \
+                                outermost values within 1.5 times its length; dots are values beyond. All axes of box plots are logarithmic.";
+
 /// Chapter 4.
 pub(super) fn chapter_4(results: &Results) -> Chapter {
     let mut items = Vec::new();
@@ -88,8 +92,9 @@ pub(super) fn chapter_4(results: &Results) -> Chapter {
     Chapter {
         title: "Thesis, chapter 4: errors of the models".to_owned(),
         remark: "ARX predicts one step ahead from measured force, p explains each measured force by itself, and all others are simulated. \
-                 Errors of different kinds cannot be compared."
-            .to_owned(),
+                 Errors of different kinds cannot be compared. "
+            .to_owned()
+            + BOXES,
         items,
     }
 }
@@ -156,11 +161,11 @@ fn boxes(
             yardstick: false,
         })
     };
-    let axis = match measure {
-        Measure::Rsse => "RMSE, lbf",
-        Measure::Esr => "NMSE",
+    let (quantity, axis) = match measure {
+        Measure::Rsse => ("RMSE", "RMSE, lbf"),
+        Measure::Esr => ("NMSE", "NMSE"),
     };
-    let title = format!("{axis} of the {words} models in cross-validation, by training experiment");
+    let title = format!("{quantity} of the {words} models in cross-validation, by training experiment");
     Item::boxes(number, title, axis, rig::Experiment::names().filter_map(row).collect())
 }
 

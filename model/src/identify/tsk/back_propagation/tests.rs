@@ -5,6 +5,7 @@ use super::super::premises::{Axis, Trained};
 use super::super::sums::Rows;
 use super::*;
 use crate::force::{Signal, TskSet};
+use crate::numbers::agrees;
 use crate::sample::DriveKind;
 use rand_pcg::Pcg64Mcg;
 use std::sync::atomic::AtomicBool;
@@ -181,4 +182,39 @@ fn the_seed_decides_and_threads_do_not() {
     };
     assert_eq!(trained(true, 1), trained(false, 1));
     assert_ne!(trained(true, 1), trained(true, 2));
+}
+
+/// Ahn et al. in numpy: complex steps give the gradient, and one batch of all rows makes the order of rows irrelevant.
+#[test]
+fn epochs_of_gradient_descent_give_the_unknowns_of_numpy() {
+    let (_, premises) = problem(Trained::Triangle, &[5, 4], 1, [1, 1], |_| 0.0);
+    let runs = [(0.0, 60), (1.0, 40)].map(|(r, count)| {
+        let mut rows = Rows::default();
+        for k in (0..count).map(f64::from) {
+            let u = [(0.7 * k + r + 0.1).sin(), (1.3 * k + 2.0 * r + 0.2).cos(), 0.0];
+            rows.target.push((2.0 * u[0]).tanh() + 0.5 * u[1] * u[0]);
+            rows.u.push(u);
+        }
+        let mean = rows.target.iter().sum::<f64>() / f64::from(count);
+        rows.target.iter_mut().for_each(|t| *t -= mean);
+        rows
+    });
+    let sums = Sums {
+        runs: runs.to_vec(),
+        counts: [5, 4, 1],
+        width: 1,
+        sparse: true,
+        parallel: false,
+        cancel: &GO_ON,
+    };
+    let settings = BackPropagation { epochs: 40, batch: 100, ..BackPropagation::default() };
+    let (found, errors) = descend(&sums, &premises, &settings, &Watch::none()).expect("not cancelled");
+    for (name, found) in [
+        ("memberships", &found.memberships),
+        ("conclusions", &found.conclusions),
+        ("offsets", &found.offsets),
+        ("errors", &errors),
+    ] {
+        agrees(&format!("back_propagation.{name}"), found, 1e-12);
+    }
 }
