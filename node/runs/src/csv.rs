@@ -5,7 +5,7 @@
 //! table, and a bag can be converted to CSV and back. Empty cells are reported in a note, because in a hand-made file they
 //! are more often an omission.
 
-use super::column::{Column, Quantity, THESIS_ORDER};
+use super::column::{Column, Quantity, THESIS_ORDER, all_names};
 use super::decimal::{parse_nanos, seconds_text};
 use super::error::MapFault;
 use super::map::{Channel, Convert, Map, Mapping};
@@ -514,10 +514,13 @@ fn missing(no_time: bool, headers: &[String]) -> String {
                 --thesis-txt for the order time, displacement, force, current, ambient, case, set point"
             .into();
     }
-    let (lacks, channel) = if no_time {
-        ("`time_s`".to_owned(), "time")
-    } else {
-        (format!("displacement ({})", Quantity::Displacement.names()), "displacement")
+    let has_displacement =
+        |name: &String| matches!(Column::of_header(name), Column::Known(Quantity::Displacement, _));
+    let displacement = || format!("displacement ({})", Quantity::Displacement.names());
+    let (lacks, channel) = match (no_time, headers.iter().any(has_displacement)) {
+        (true, true) => ("`time_s`".to_owned(), "time"),
+        (true, false) => (format!("`time_s` and no {}", displacement()), "time"),
+        (false, _) => (displacement(), "displacement"),
     };
     let is_time = |header: &&str| matches!(Column::of_header(header), Column::Time);
     let free = headers.iter().map(String::as_str).filter(|header| no_time || !is_time(header));
@@ -532,7 +535,11 @@ fn missing(no_time: bool, headers: &[String]) -> String {
             format!("; the unit belongs to the name, as in displacement_mm{say}")
         }
     };
-    format!("no column {lacks} among: {}{hint}", shown(headers))
+    format!(
+        "no column {lacks} among: {}{hint}. All names: {}. --column NAME=HEADER,... names the columns of a file",
+        shown(headers),
+        all_names()
+    )
 }
 
 /// A decimal number, finite or not; `None` if the text is not a number.

@@ -49,7 +49,10 @@ fn parts_of_a_run_add_up_to_the_run() {
     std::fs::write(path("in.csv"), canonical(500)).expect("written");
     // Rows are 1.234567 ms apart: row 200 comes at 0.2469134 s.
     let part = |name: &str, start_s, duration_s| {
-        let options = SaveOptions { part: RunSection { start_s, duration_s }, ..SaveOptions::default() };
+        let options = SaveOptions {
+            part: RunSection { start_s, duration_s, ..RunSection::default() },
+            ..SaveOptions::default()
+        };
         convert(&path("in.csv"), &path(name), &plain(), &options)
             .map(|_| std::fs::read_to_string(path(name)).expect("read"))
     };
