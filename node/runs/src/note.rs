@@ -119,7 +119,7 @@ pub enum Note {
         /// Their names.
         topics: Vec<String>,
     },
-    /// Outputs of a node, such as estimates, which are no part of a run. Nothing is missing, so this is no warning.
+    /// Outputs of a node, such as estimates, which do not belong to a run. They are expected, so the note is not a warning.
     OutputsLeft {
         /// Their names.
         topics: Vec<String>,
@@ -246,7 +246,7 @@ impl fmt::Display for Note {
                 write!(f, "not part of the run: {}", topics.join(", "))
             }
             Self::OutputsLeft { topics } => {
-                write!(f, "outputs of the node are no part of the run: {}", topics.join(", "))
+                write!(f, "outputs of the node do not belong to the run: {}", topics.join(", "))
             }
             Self::TakenByName { topics } => {
                 write!(f, "read by name, without a map: {}", topics.join(", "))

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! The grid begins at the first displacement and is the same for all channels. No value is made up: outside of a channel's own
-//! samples, and in gaps of more than [`GAP_S`], the channel has no sample. There is no filter, so motion above half the rate
+//! samples, and in gaps of more than [`GAP_S`], the channel has no sample. The channels are not filtered, so motion above half the rate
 //! appears at a wrong frequency; a channel that is slower than the rate is interpolated.
 
 use super::RunError;

@@ -265,7 +265,7 @@ mod tests {
             let default = parameter.default_text().unwrap_or_else(|| "empty".to_owned());
             assert!(text.ends_with(&format!("; default: {default}]")), "{}: {text}", parameter.name);
         }
-        let places = ["Options of all commands:", "Parameters: Node", "Parameters: Zenoh mirror"]
+        let places = ["Parameters: Node", "Parameters: Zenoh mirror", "Options of all commands:"]
             .map(|heading| node.find(heading).expect(heading));
         assert!(places.is_sorted(), "{node}");
         assert!(!help("doctor").contains("--coast-s"), "{}", help("doctor"));

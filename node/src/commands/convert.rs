@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long)]
     pub whole_cycles: bool,
     /// Resample all channels to this rate by linear interpolation, before the run is cut. Models that use force need samples at
-    /// an even rate. There is no filter: the rate must be above twice the highest frequency of the motion.
+    /// an even rate. The channels are not filtered, so the rate must be above twice the highest frequency of the motion.
     #[arg(long, value_name = "HZ")]
     pub resample: Option<f64>,
     /// How bags are written.

@@ -79,7 +79,7 @@ fn list(out: &mut impl Write) -> Result<std::io::Result<()>, NodeError> {
     Ok(Ok(()))
 }
 
-/// What the preset `name` is, in a few words.
+/// Describes the preset `name` in a few words.
 fn description(name: &str) -> String {
     let mut parts = name.split('/').skip(1);
     let (form, experiment, level) =
@@ -150,7 +150,7 @@ mod tests {
         let text = String::from_utf8(text).expect("UTF-8");
         assert_eq!(text.lines().count(), preset::names().len() + preset::phase_names().len());
         for line in text.lines() {
-            assert!(line.contains(", identified on RP") && line.chars().count() <= 130, "{line}");
+            assert!(line.contains(", identified on RP") && line.chars().count() <= 150, "{line}");
             assert!(!line.contains("model, identified"), "{line}: its form has no description");
         }
         let of = |name: &str| text.lines().find(|line| line.starts_with(&format!("{name} "))).expect(name);

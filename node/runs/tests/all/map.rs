@@ -92,7 +92,7 @@ fn foreign_bags_and_columns_give_runs_bit_identical_to_our_names() {
         assert_eq!(
             notes,
             [format!(
-                "not part of the run: /imu (sensor_msgs/msg/Imu, 1 messages), /fl/silent (std_msgs/msg/Float64, 0 \
+                "not part of the run: /imu (sensor_msgs/msg/Imu, 1 message), /fl/silent (std_msgs/msg/Float64, 0 \
                  messages), /joint_states (sensor_msgs/msg/JointState, {STEPS} messages)"
             )]
         );
@@ -199,7 +199,7 @@ fn without_a_map_the_message_lists_topics_and_joints_and_a_map_to_use() {
          /fl/twist  geometry_msgs/msg/TwistStamped, 50 messages\n    \
          /fl/load_cell  geometry_msgs/msg/WrenchStamped, 50 messages\n    \
          /fl/oil  sensor_msgs/msg/Temperature, 50 messages\n    \
-         /imu  sensor_msgs/msg/Imu, 1 messages\n    \
+         /imu  sensor_msgs/msg/Imu, 1 message\n    \
          /fl/silent  std_msgs/msg/Float64, 0 messages"
     );
     // The suggested map works, and a note says what else is missing.

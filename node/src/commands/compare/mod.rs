@@ -141,7 +141,7 @@ pub(super) struct ComparisonPlan {
     pub(super) options: Options,
     /// Number of cells that are computed at the same time.
     pub(super) threads: usize,
-    /// What the folds are, in sentences; `None` without folds.
+    /// Description of the folds, in sentences; `None` without folds.
     pub(super) design: Option<String>,
 }
 

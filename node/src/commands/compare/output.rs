@@ -21,7 +21,7 @@ pub(super) struct ComparisonResult {
     pub(super) persistence: Vec<Persistence>,
     pub(super) published: Option<Published>,
     pub(super) seconds: f64,
-    /// What the folds are; `None` without folds.
+    /// Description of the folds; `None` without folds.
     pub(super) design: Option<String>,
 }
 
@@ -30,7 +30,7 @@ struct Report<'a> {
     schema: &'static str,
     tool: &'static str,
     options: OptionsRow,
-    /// What the folds are; absent without folds.
+    /// Description of the folds; absent without folds.
     #[serde(skip_serializing_if = "Option::is_none")]
     design: Option<&'a str>,
     experiments: Vec<ExperimentRow<'a>>,
