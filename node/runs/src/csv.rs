@@ -514,6 +514,14 @@ fn missing(no_time: bool, headers: &[String]) -> String {
                 --thesis-txt for the order time, displacement, force, current, ambient, case, set point"
             .into();
     }
+    if let [only] = headers
+        && only.contains([';', '\t'])
+    {
+        return format!(
+            "no column `time_s` among: {}; the fields seem to be split by `;` or tabs: split them by commas",
+            shown(headers)
+        );
+    }
     let has_displacement =
         |name: &String| matches!(Column::of_header(name), Column::Known(Quantity::Displacement, _));
     let displacement = || format!("displacement ({})", Quantity::Displacement.names());
@@ -524,19 +532,11 @@ fn missing(no_time: bool, headers: &[String]) -> String {
     };
     let is_time = |header: &&str| matches!(Column::of_header(header), Column::Time);
     let free = headers.iter().map(String::as_str).filter(|header| no_time || !is_time(header));
-    let hint = match headers {
-        [only] if only.contains([';', '\t']) => {
-            "; the fields seem to be split by `;` or tabs: split them by commas".to_owned()
-        }
-        _ => {
-            let flag = suggest::column_for(channel, free);
-            let say =
-                flag.map(|flag| format!(", or say which column it is, as in {flag}")).unwrap_or_default();
-            format!("; the unit belongs to the name, as in displacement_mm{say}")
-        }
-    };
+    let flag = suggest::column_for(channel, free);
+    let say = flag.map(|flag| format!(", or say which column it is, as in {flag}")).unwrap_or_default();
     format!(
-        "no column {lacks} among: {}{hint}. All names: {}. --column NAME=HEADER,... names the columns of a file",
+        "no column {lacks} among: {}; the unit belongs to the name, as in displacement_mm{say}, or name the columns with --column \
+         NAME=HEADER,...; all names are {}",
         shown(headers),
         all_names()
     )

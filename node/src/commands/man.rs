@@ -45,10 +45,25 @@ fn pages() -> std::io::Result<Vec<(String, Vec<u8>)>> {
     for command in std::iter::once(&program).chain(program.get_subcommands()) {
         let man = Man::new(command.clone());
         let mut text = Vec::new();
-        man.render(&mut text)?;
+        man.render_title(&mut text)?;
+        man.render_name_section(&mut text)?;
+        text.extend_from_slice(synopsis(command).as_bytes());
+        man.render_description_section(&mut text)?;
+        man.render_options_section(&mut text)?;
+        if command.has_subcommands() {
+            man.render_subcommands_section(&mut text)?;
+        }
+        man.render_version_section(&mut text)?;
         pages.push((man.get_filename(), text));
     }
     Ok(pages)
+}
+
+/// The section with the usage line. clap_mangen's own would list each option, which are a hundred for `node`.
+fn synopsis(command: &clap::Command) -> String {
+    let usage = command.clone().render_usage().to_string();
+    let line = usage.strip_prefix("Usage: ").unwrap_or(&usage).replace('\\', "\\\\").replace('-', "\\-");
+    format!(".SH SYNOPSIS\n{}\n", line.trim())
 }
 
 #[cfg(test)]
@@ -67,6 +82,8 @@ mod tests {
         assert!(page("mr-damper.1").contains("mr\\-damper\\-node"), "{}", page("mr-damper.1"));
         // roff writes a hyphen of an option as \-.
         assert!(page("mr-damper-node.1").contains("\\-\\-coast\\-s"));
+        let usage = ".SH SYNOPSIS\nmr\\-damper identify [OPTIONS] \\-\\-model <NAME> \\-\\-out <MODEL.toml> <RUN>...\n.SH";
+        assert!(page("mr-damper-identify.1").contains(usage), "{}", page("mr-damper-identify.1"));
         assert!(!page("mr-damper-doctor.1").contains("\\-\\-coast\\-s"));
         assert!(page("mr-damper-identify.1").starts_with(".ie"), "{}", page("mr-damper-identify.1"));
     }
