@@ -164,10 +164,11 @@ pub fn over_folds(cells: &[Finished], experiments: &[Experiment]) -> Vec<Finishe
             // No fold gave a model.
             whole.failure.clone_from(&cell.failure);
         }
-        for (_, replicate) in fold.iter().flat_map(|fold| &fold.held_out) {
+        for (e, r) in fold.iter().flat_map(|fold| &fold.held_out) {
+            let run = experiments.get(*e).and_then(|experiment| experiment.replicates.get(*r));
             whole.cross_validation.push(Test {
                 tested_on: cell.trained_on.clone(),
-                replicate: u32::try_from(*replicate).unwrap_or(u32::MAX),
+                replicate: run.map_or(0, |run| run.number),
                 figures: missing.clone(),
             });
         }

@@ -53,7 +53,9 @@ fn pages() -> std::io::Result<Vec<(String, Vec<u8>)>> {
         if command.has_subcommands() {
             man.render_subcommands_section(&mut text)?;
         }
-        man.render_version_section(&mut text)?;
+        if command.get_version().is_some() {
+            man.render_version_section(&mut text)?;
+        }
         pages.push((man.get_filename(), text));
     }
     Ok(pages)
