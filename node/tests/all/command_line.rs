@@ -137,7 +137,7 @@ fn bash_accepts_the_completions_and_each_command_has_a_man_page() {
     assert!(completions.status.success());
     fs::write(dir.path().join("mr-damper.bash"), &completions.stdout).expect("written");
     // The function fills in the commands that begin with `iden`.
-    let script = "source ./mr-damper.bash; COMP_WORDS=(mr-damper iden); COMP_CWORD=1; _mr-damper mr-damper iden mr-damper; \
+    let script = "source ./mr-damper.bash; COMP_WORDS=(mr-damper iden); COMP_CWORD=1; _mr__damper mr-damper iden mr-damper; \
                   echo \"${COMPREPLY[@]}\"";
     let output =
         Command::new("bash").args(["-c", script]).current_dir(dir.path()).output().expect("bash runs");
