@@ -52,25 +52,21 @@ pub fn levels(experiments: &[Experiment]) -> Option<Vec<Level>> {
         medians.push((median, place));
     }
     let within = WITHIN * (high - low);
-    // NaN and infinite values do not pass.
-    if !(widest <= within) || within <= 0.0 {
+    if widest > within || within <= 0.0 {
         return None;
     }
     medians.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let mut found: Vec<(f64, Vec<f64>, Vec<(usize, usize)>)> = Vec::new();
-    for (median, place) in medians {
-        match found.last_mut().filter(|(last, ..)| median - *last <= within) {
-            Some((last, values, runs)) => {
-                *last = median;
-                values.push(median);
-                runs.push(place);
-            }
-            None => found.push((median, vec![median], vec![place])),
+    // Medians of each level with their runs. A level ends where two neighbouring medians are further apart than a level is wide.
+    let mut found: Vec<Vec<(f64, (usize, usize))>> = Vec::new();
+    for run in medians {
+        match found.last_mut().filter(|level| level.last().is_some_and(|(last, _)| run.0 - last <= within)) {
+            Some(level) => level.push(run),
+            None => found.push(vec![run]),
         }
     }
-    let level = |(_, values, runs): (f64, Vec<f64>, Vec<(usize, usize)>)| Level {
-        drive: values.iter().sum::<f64>() / values.len() as f64,
-        runs,
+    let level = |runs: Vec<(f64, (usize, usize))>| Level {
+        drive: runs.iter().map(|(median, _)| median).sum::<f64>() / runs.len() as f64,
+        runs: runs.into_iter().map(|(_, place)| place).collect(),
     };
     (found.len() > 1).then(|| found.into_iter().map(level).collect())
 }

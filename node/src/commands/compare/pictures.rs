@@ -116,7 +116,10 @@ pub(super) fn best(summaries: &[Summary], find: impl Fn(&str, &str, &str) -> Opt
             return None;
         }
         seen.push(&class.model);
-        Some(Drawn::simulated(format!("{}, trained on {}", name(class), training_name(&row.trained_on)), model))
+        Some(Drawn::simulated(
+            format!("{}, trained on {}", name(class), training_name(&row.trained_on)),
+            model,
+        ))
     });
     drawn.take(MODELS).collect()
 }

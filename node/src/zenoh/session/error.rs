@@ -61,13 +61,13 @@ impl ZenohError {
     /// True if a parameter or the Zenoh configuration file is wrong; false if the machine or the network is.
     #[must_use]
     pub const fn is_wrong_parameter(&self) -> bool {
-        match self {
+        !matches!(
+            self,
             Self::File { problem: FileProblem::Unreadable(_) | FileProblem::NamedFile { .. }, .. }
-            | Self::PortInUse { .. }
-            | Self::Open { .. }
-            | Self::Thread { .. } => false,
-            _ => true,
-        }
+                | Self::PortInUse { .. }
+                | Self::Open { .. }
+                | Self::Thread { .. }
+        )
     }
 }
 
