@@ -84,7 +84,7 @@ mod tests {
         assert!(page("mr-damper.1").contains("mr\\-damper\\-node"), "{}", page("mr-damper.1"));
         // roff writes a hyphen of an option as \-.
         assert!(page("mr-damper-node.1").contains("\\-\\-coast\\-s"));
-        let usage = ".SH SYNOPSIS\nmr\\-damper identify [OPTIONS] \\-\\-model <NAME> \\-\\-out <MODEL.toml> <RUN>...\n.SH";
+        let usage = ".SH SYNOPSIS\nmr\\-damper identify [OPTIONS] \\-\\-model <NAME> \\-\\-out <MODEL.toml> <RUN>...\n";
         assert!(page("mr-damper-identify.1").contains(usage), "{}", page("mr-damper-identify.1"));
         assert!(!page("mr-damper-doctor.1").contains("\\-\\-coast\\-s"));
         assert!(page("mr-damper-identify.1").starts_with(".ie"), "{}", page("mr-damper-identify.1"));
