@@ -24,9 +24,11 @@
 //! another for the one-step-ahead prediction, which must be compared with persistence. The phase-transition
 //! relation cannot run and has figures of a third kind, because its input is the force that it explains.
 
+mod design;
 mod rank;
 mod summary;
 
+pub use design::{ALL_FOLDS, Level, levels, over_folds, with_folds};
 pub use rank::{BoxPlot, kendall_tau};
 pub use summary::{Class, Row, Summary};
 
@@ -46,6 +48,9 @@ pub struct Experiment {
     pub replicates: Vec<Replicate>,
     /// Number of training runs, counted from the first replicate; 0 for an experiment that is only tested on.
     pub training: usize,
+    /// For a fold: the runs that it is tested on, as indices of experiment and replicate. A fold has no replicates of its own; its
+    /// models are identified on all other runs of the comparison. Empty for an experiment.
+    pub held_out: Vec<(usize, usize)>,
 }
 
 /// One run of an experiment.
@@ -141,11 +146,12 @@ pub struct Persistence {
     pub esr: Option<f64>,
 }
 
-/// One cell for each of `specs` and each of `experiments` that has training runs, in the order of the
+/// One cell for each of `specs` and each of `experiments` that has training runs or is a fold, in the order of the
 /// experiments.
 #[must_use]
 pub fn cells(specs: &[ModelSpec], experiments: &[Experiment]) -> Vec<Cell> {
-    let training = experiments.iter().enumerate().filter(|(_, experiment)| experiment.training > 0);
+    let is_trained_on = |experiment: &Experiment| experiment.training > 0 || experiment.is_fold();
+    let training = experiments.iter().enumerate().filter(|(_, experiment)| is_trained_on(experiment));
     training
         .map(|(index, _)| index)
         .flat_map(|experiment| specs.iter().map(move |spec| Cell { spec: *spec, experiment }))
@@ -169,7 +175,7 @@ pub fn cells(specs: &[ModelSpec], experiments: &[Experiment]) -> Vec<Cell> {
 /// };
 /// // Trained on the first replicate, tested on the second
 /// let experiments =
-///     [Experiment { name: planned.name.clone(), replicates: vec![replicate(1)?, replicate(2)?], training: 1 }];
+///     [Experiment { name: planned.name.clone(), replicates: vec![replicate(1)?, replicate(2)?], training: 1, held_out: vec![] }];
 /// let mut finished = Vec::new();
 /// for cell in compare::cells(&[ModelSpec::ARX_PASSIVE, ModelSpec::ARX_SEMI_ACTIVE], &experiments) {
 ///     finished.push(compare::run(cell, &experiments, &Options::default(), &Watch::none())?.0);
@@ -206,7 +212,7 @@ pub fn run(
         phase_cell(cell, experiments, options, watch, &mut finished)?;
         return Ok((finished, None));
     }
-    let training = experiment.training_runs();
+    let training = experiment.training_runs(experiments);
     let found = match training.as_ref() {
         [] => Err(IdentifyError::ExperimentWithoutTraining { experiment: experiment.name.clone() }.into()),
         runs => identify::identify_datasets(cell.spec, runs, options, watch),
@@ -244,8 +250,11 @@ pub fn run(
 }
 
 impl Experiment {
-    /// The training runs as a slice, as the fit needs them.
-    fn training_runs(&self) -> Cow<'_, [Dataset]> {
+    /// The training runs as a slice, as the fit needs them; `experiments` are all of the comparison.
+    fn training_runs(&self, experiments: &[Self]) -> Cow<'_, [Dataset]> {
+        if self.is_fold() {
+            return Cow::Owned(design::training_of(self, experiments));
+        }
         let runs = &self.replicates[..self.training.min(self.replicates.len())];
         match runs {
             [one] => Cow::Borrowed(std::slice::from_ref(&one.data)),
@@ -256,9 +265,12 @@ impl Experiment {
 
 /// All runs that the cell's model is not identified on, and their experiments.
 fn tests(cell: Cell, experiments: &[Experiment]) -> impl Iterator<Item = (&Experiment, &Replicate)> {
-    experiments.iter().enumerate().flat_map(move |(index, experiment)| {
-        let skipped = if index == cell.experiment { experiment.training } else { 0 };
-        experiment.replicates.iter().skip(skipped).map(move |replicate| (experiment, replicate))
+    let own = &experiments[cell.experiment];
+    experiments.iter().enumerate().flat_map(move |(e, experiment)| {
+        let skipped = if e == cell.experiment { experiment.training } else { 0 };
+        let runs = experiment.replicates.iter().enumerate().skip(skipped);
+        let is_tested = move |r: usize| !own.is_fold() || own.held_out.contains(&(e, r));
+        runs.filter(move |(r, _)| is_tested(*r)).map(move |(_, replicate)| (experiment, replicate))
     })
 }
 
@@ -271,7 +283,7 @@ fn phase_cell(
     watch: &Watch,
     finished: &mut Finished,
 ) -> Result<(), Error> {
-    let training = experiments[cell.experiment].training_runs();
+    let training = experiments[cell.experiment].training_runs(experiments);
     let Some(first) = training.first() else {
         finished.failure = Some(format!("experiment {}: has no training runs", finished.trained_on));
         return Ok(());

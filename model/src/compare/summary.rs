@@ -1,6 +1,7 @@
 //! Summary over many cells: means over tests, the best training experiment, and the order of the models.
 
 use super::{BoxPlot, Finished, Predictor};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// A model and its predictor: figures of different predictors are never ranked together.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -21,6 +22,9 @@ pub struct Row {
     /// Mean RMSE over all tests, N; `None` if any test has no figure, since a mean of the others would be too
     /// low.
     pub mean_rsse_n: Option<f64>,
+    /// 95 % interval of the mean RMSE, N, from the scatter of the means by tested experiment (by fold over folds); `None` without
+    /// a mean, or with fewer than two of these. It is approximate: all tests share a model or training runs.
+    pub rsse_interval_n: Option<[f64; 2]>,
     /// Mean NMSE over all tests; `None` as above.
     pub mean_esr: Option<f64>,
     /// Number of tests.
@@ -118,11 +122,32 @@ impl Row {
         Self {
             trained_on: cell.trained_on.clone(),
             mean_rsse_n: mean(rsse_n),
+            rsse_interval_n: mean(rsse_n).and_then(|mean| interval(cell, predictor, mean)),
             mean_esr: mean(esr),
             tests,
             without: tests - with,
         }
     }
+}
+
+/// 95 % interval of the mean RMSE `mean_n`: Student's t with the means by tested experiment as independent values.
+fn interval(cell: &Finished, predictor: Predictor, mean_n: f64) -> Option<[f64; 2]> {
+    let mut groups: Vec<(&str, f64, f64)> = Vec::new();
+    for test in &cell.cross_validation {
+        for rsse_n in test.figures.iter().filter(|f| f.predictor == predictor).filter_map(|f| f.rsse_n) {
+            match groups.iter_mut().find(|(name, ..)| *name == test.tested_on) {
+                Some((_, sum, count)) => (*sum, *count) = (*sum + rsse_n, *count + 1.0),
+                None => groups.push((&test.tested_on, rsse_n, 1.0)),
+            }
+        }
+    }
+    let n = groups.len() as f64;
+    let t = StudentsT::new(0.0, 1.0, n - 1.0).ok()?.inverse_cdf(0.975);
+    let means: Vec<f64> = groups.iter().map(|(_, sum, count)| sum / count).collect();
+    let centre = means.iter().sum::<f64>() / n;
+    let variance = means.iter().map(|mean| (mean - centre).powi(2)).sum::<f64>() / (n - 1.0);
+    let half = t * (variance / n).sqrt();
+    Some([mean_n - half, mean_n + half])
 }
 
 /// RMSE and NMSE of the cell's tests.

@@ -139,6 +139,22 @@ pub enum IdentifyError {
         /// Their rates, Hz.
         rates_hz: [f64; 2],
     },
+    /// The samples of a run are not evenly spaced, but the model needs that.
+    #[error(
+        "run {run}: {percent:.0} % of the samples do not follow the one before at the mean rate of {rate_hz:.1} Hz, but a model of \
+         the kind {model} needs samples at an even rate; resample the run with `mr-damper convert RUN OUT --resample HZ`, or identify \
+         a model without force inputs"
+    )]
+    UnevenSampling {
+        /// Name of the run.
+        run: String,
+        /// Share of these samples, %.
+        percent: f64,
+        /// Mean rate of the run, Hz.
+        rate_hz: f64,
+        /// Name of the structure.
+        model: &'static str,
+    },
     /// Two runs are conditioned differently.
     #[error("runs {} and {} are conditioned differently, but a model is valid for one conditioning only; condition all runs alike", runs[0], runs[1])]
     DifferentConditioning {

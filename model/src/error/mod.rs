@@ -49,7 +49,7 @@ use thiserror::Error;
 ///
 /// let error = preset::load("thesis/fuzzy-tanh/rp3").unwrap_err();
 /// let Error::UnknownPreset { name, nearest } = &error else { panic!("{error}") };
-/// assert_eq!((name.as_str(), nearest.as_str()), ("thesis/fuzzy-tanh/rp3", "thesis/fuzzy-tanh/rp3-cs"));
+/// assert_eq!((name.as_str(), nearest.as_deref()), ("thesis/fuzzy-tanh/rp3", Some("thesis/fuzzy-tanh/rp3-cs")));
 /// assert!(error.to_string().contains("the nearest is \"thesis/fuzzy-tanh/rp3-cs\""));
 /// ```
 #[derive(Debug, Clone, PartialEq, Error, Serialize)]
@@ -85,12 +85,15 @@ pub enum Error {
         problem: FisProblem,
     },
     /// A preset name is not known.
-    #[error("preset \"{name}\" is not known; the nearest is \"{nearest}\" (`mr-damper presets` lists all)")]
+    #[error(
+        "preset \"{name}\" is not known{} (`mr-damper presets` lists all)",
+        nearest.as_ref().map(|nearest| format!("; the nearest is \"{nearest}\"")).unwrap_or_default()
+    )]
     UnknownPreset {
         /// The requested name.
         name: String,
-        /// The known name closest to it.
-        nearest: String,
+        /// The known name that differs from it in at most a third of the characters; `None` if none does.
+        nearest: Option<String>,
     },
     /// A preset is a phase-transition relation, which relates force to motion but cannot run as a model.
     #[error(

@@ -43,6 +43,8 @@ const ROUNDING: f64 = 1e-11;
 const RATE_TOLERANCE: f64 = 0.01;
 /// Largest relative difference between a step and the period (jitter); a larger one means a lost sample.
 const STEP_TOLERANCE: f64 = 0.25;
+/// Largest share of steps beyond [`STEP_TOLERANCE`]; they are left out. With more of them, hardly any step follows enough others.
+const MOST_UNEVEN: f64 = 0.2;
 /// Smallest number of rows per coefficient.
 const ROWS_PER_PARAMETER: usize = 10;
 
@@ -307,7 +309,30 @@ pub(super) fn common_rate(datasets: &[Dataset], model: &'static str) -> Result<f
         }
         .into());
     }
+    for dataset in datasets {
+        let share = uneven_share(dataset);
+        if share > MOST_UNEVEN {
+            return Err(IdentifyError::UnevenSampling {
+                run: dataset.name.clone(),
+                percent: 100.0 * share,
+                rate_hz: dataset.rate_hz,
+                model,
+            }
+            .into());
+        }
+    }
     Ok(datasets.iter().map(|d| d.rate_hz).sum::<f64>() / datasets.len() as f64)
+}
+
+/// Share of the steps of `dataset` that differ from the period of its mean rate by more than [`STEP_TOLERANCE`].
+fn uneven_share(dataset: &Dataset) -> f64 {
+    let steps = dataset.rows.iter().filter_map(|row| row.dt_s);
+    let (mut uneven, mut all) = (0_usize, 0_usize);
+    for dt_s in steps {
+        all += 1;
+        uneven += usize::from((dt_s * dataset.rate_hz - 1.0).abs() > STEP_TOLERANCE);
+    }
+    uneven as f64 / all.max(1) as f64
 }
 
 /// The triangle of a QR decomposition into which rows are folded: first each panel, then the panels'

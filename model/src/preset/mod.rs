@@ -126,11 +126,10 @@ fn cannot_run(name: &str, relation: &Phase) -> Error {
 }
 
 fn unknown(name: &str, known: Vec<String>) -> Error {
-    let nearest = known.into_iter().min_by_key(|known| edit_distance(known, name));
-    Error::UnknownPreset {
-        name: name.to_owned(),
-        nearest: nearest.unwrap_or_else(|| BEST_FUZZY_TANH.to_owned()),
-    }
+    let rated = known.into_iter().map(|known| (edit_distance(&known, name), known));
+    // A name that differs in more than a third of its characters is not a misspelling.
+    let nearest = rated.min().filter(|(distance, known)| 3 * distance <= known.chars().count());
+    Error::UnknownPreset { name: name.to_owned(), nearest: nearest.map(|(_, known)| known) }
 }
 
 fn find(name: &str) -> Option<Model> {

@@ -3,6 +3,7 @@
 //! | module | computes | used by |
 //! |---|---|---|
 //! | [`autocorrelation`] | integrated autocorrelation time, effective number of values | diagnosis, calibration |
+//! | [`bootstrap`] | draws of runs with replacement | `mr-damper identify` |
 //! | `block_sums` | p of a mean from block sums, corrected for several tests | diagnosis |
 //! | [`correlation`] | Pearson's coefficient, correlation functions with their bands | diagnosis, reports |
 //! | [`spectrum`] | power densities and coherence by Welch's method | reports |
@@ -13,6 +14,7 @@
 
 pub mod autocorrelation;
 pub(crate) mod block_sums;
+pub mod bootstrap;
 pub mod correlation;
 pub(crate) mod error_ratio;
 pub(crate) mod fourier;

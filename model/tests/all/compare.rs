@@ -38,6 +38,7 @@ fn experiments() -> Vec<Experiment> {
             name: name.to_owned(),
             replicates: vec![replicate(name, 1), replicate(name, 2)],
             training: 1,
+            held_out: Vec::new(),
         })
         .to_vec()
 }

@@ -9,6 +9,8 @@ use std::fmt::{self, Write};
 
 /// Longest foreign name in the log, characters.
 const SHOWN: usize = 200;
+/// Jaro-Winkler similarity from which a name may be a misspelling of another, of 1.
+pub const ALIKE: f64 = 0.85;
 
 /// `text` with control characters escaped; the result stays on one line.
 #[must_use]
@@ -50,6 +52,28 @@ impl<W: Write> Write for OneLine<W> {
     }
 }
 
+/// A number with its noun: `count(1, "run")` is `1 run`, `count(3, "run")` is `3 runs`. For nouns whose plural ends in s.
+#[must_use]
+pub fn count(number: impl TryInto<u128>, noun: &str) -> String {
+    // Every unsigned number converts.
+    match number.try_into().unwrap_or(0) {
+        1 => format!("1 {noun}"),
+        number => format!("{number} {noun}s"),
+    }
+}
+
+/// The one of `known` that `name` is most likely a misspelling of; `None` if it resembles none.
+///
+/// The measure is the Jaro-Winkler similarity; names below [`ALIKE`] are not suggested, since a suggestion of something else
+/// misleads. Only the first 200 characters are compared.
+#[must_use]
+pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let name: String = name.chars().take(SHOWN).collect();
+    let rated = known.into_iter().map(|known| (strsim::jaro_winkler(known, &name), known));
+    let (likeness, nearest) = rated.max_by(|(a, _), (b, _)| a.total_cmp(b))?;
+    (likeness >= ALIKE).then_some(nearest)
+}
+
 /// A foreign name in a form that is safe for a log: of limited length and without control characters.
 #[must_use]
 pub fn name(name: &str) -> String {
@@ -66,6 +90,24 @@ mod tests {
         assert_eq!(line(text), "a\\u{1b}[31mb\\r\\n\tc\\u{9b}\\u{7}é");
         assert_eq!(lines(text), "a\\u{1b}[31mb\\r\n\tc\\u{9b}\\u{7}é");
         assert!(matches!(line("plain é"), Cow::Borrowed(_)));
+    }
+
+    #[test]
+    fn one_thing_has_no_plural() {
+        assert_eq!([0_u64, 1, 2].map(|n| count(n, "run")), ["0 runs", "1 run", "2 runs"]);
+        assert_eq!(count(1_usize, "test run"), "1 test run");
+    }
+
+    #[test]
+    fn only_similar_names_are_suggested() {
+        let known = ["coast_s", "force_timeout_s", "zenoh.config"];
+        assert_eq!(nearest("coast", known), Some("coast_s"));
+        assert_eq!(nearest("force_timeouts", known), Some("force_timeout_s"));
+        assert_eq!(nearest("zenoh.conf", known), Some("zenoh.config"));
+        for other in ["foo", "", "robot_description", "x"] {
+            assert_eq!(nearest(other, known), None, "{other}");
+        }
+        assert_eq!(nearest("coast", []), None);
     }
 
     #[test]

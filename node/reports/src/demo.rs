@@ -10,7 +10,6 @@ use super::table::{facts, table};
 use maud::{Markup, html};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::{Channel, DriveKind};
-use mr_damper_model::units::N_PER_LBF;
 
 /// One line of the table of figures.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,13 +109,8 @@ pub fn html(outcome: &DemoOutcome) -> String {
 
 fn figures(outcome: &DemoOutcome) -> Markup {
     let cells = |fit: Option<Fit>| match fit {
-        Some(fit) => [
-            format!("{:.2}", fit.rsse_n),
-            format!("{:.2}", fit.rsse_n / N_PER_LBF),
-            format!("{:.5}", fit.esr),
-            fit.samples.to_string(),
-        ],
-        None => ["–", "–", "–", "–"].map(str::to_owned),
+        Some(fit) => [format!("{:.2}", fit.rsse_n), format!("{:.5}", fit.esr), fit.samples.to_string()],
+        None => ["–", "–", "–"].map(str::to_owned),
     };
     let rows: Vec<Vec<String>> = outcome
         .figures
@@ -130,7 +124,7 @@ fn figures(outcome: &DemoOutcome) -> Markup {
         })
         .collect();
     html! {
-        (table(&["", "#RMSE, N", "#RMSE, lbf", "#NMSE", "#samples", "#NMSE offline"], &rows))
+        (table(&["", "#RMSE, N", "#NMSE", "#samples", "#NMSE offline"], &rows))
         p { "RMSE is the root mean squared error (RSSE in the thesis). NMSE is the normalised one (ESR in the thesis): the squared RMSE over the "
             "variance of the measured force; 0 is perfect, 1 is as good as the mean. " em { "Simulation (free run)" } " uses displacement and \
             current only; "

@@ -10,7 +10,6 @@ use mr_damper_base::clock::in_seconds;
 use mr_damper_model::diagnose::DiagnosisResult;
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::DriveKind;
-use mr_damper_model::units::N_PER_LBF;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -126,12 +125,9 @@ pub fn text(demo: &DemoDiagnosis) -> String {
     let Some(swap) = &demo.swap else { return text };
     let figures = swap.figures();
     let width = figures.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    let _ = writeln!(text, "\n{:<width$} {:>18}  {:>8}", "simulation in the running service", "RMSE", "NMSE");
+    let _ = writeln!(text, "\n{:<width$} {:>9}  {:>8}", "simulation in the running service", "RMSE", "NMSE");
     for (name, fit) in figures {
-        let cells = fit.map_or_else(
-            || "-".to_owned(),
-            |f| format!("{:7.2} N {:5.2} lbf  {:8.5}", f.rsse_n, f.rsse_n / N_PER_LBF, f.esr),
-        );
+        let cells = fit.map_or_else(|| "-".to_owned(), |f| format!("{:7.2} N  {:8.5}", f.rsse_n, f.esr));
         let _ = writeln!(text, "{name:<width$} {cells}");
     }
     if let Some(ratio) = swap.ratio() {
@@ -160,14 +156,8 @@ fn before_and_after(swap: &ModelSwap) -> Markup {
         .into_iter()
         .map(|(name, fit)| {
             let cells = fit.map_or_else(
-                || ["–", "–", "–"].map(str::to_owned),
-                |f| {
-                    [
-                        format!("{:.2}", f.rsse_n),
-                        format!("{:.2}", f.rsse_n / N_PER_LBF),
-                        format!("{:.5}", f.esr),
-                    ]
-                },
+                || ["–", "–"].map(str::to_owned),
+                |f| [format!("{:.2}", f.rsse_n), format!("{:.5}", f.esr)],
             );
             std::iter::once(name).chain(cells).collect()
         })
@@ -197,7 +187,7 @@ fn before_and_after(swap: &ModelSwap) -> Markup {
     };
     html! {
         h3 { "The running service, before and after the swap" }
-        (table(&["simulation (free run)", "#RMSE, N", "#RMSE, lbf", "#NMSE"], &rows))
+        (table(&["simulation (free run)", "#RMSE, N", "#NMSE"], &rows))
         (plot.figure("Measured force minus simulated force (free run), on the run that was played after the swap: as the \
                       service published it, and as the previous model gives it offline."))
         p { "Alarm: " (swap.alarm()) ". The new model is " code { (swap.model.display()) } "; run it with "

@@ -9,7 +9,6 @@ use super::table::{facts, table};
 use maud::{Markup, html};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::{Channel, DriveKind};
-use mr_damper_model::units::N_PER_LBF;
 
 /// Number of runs that get their own picture.
 const PICTURES: usize = 12;
@@ -61,16 +60,10 @@ pub fn html(outcome: &IdentifyOutcome) -> String {
 
 fn figures(outcome: &IdentifyOutcome) -> Markup {
     let row = |(name, fit): &(String, Fit)| {
-        vec![
-            name.clone(),
-            format!("{:.2}", fit.rsse_n),
-            format!("{:.2}", fit.rsse_n / N_PER_LBF),
-            format!("{:.5}", fit.esr),
-            fit.samples.to_string(),
-        ]
+        vec![name.clone(), format!("{:.2}", fit.rsse_n), format!("{:.5}", fit.esr), fit.samples.to_string()]
     };
     html! {
-        (table(&["", "#RMSE, N", "#RMSE, lbf", "#NMSE", "#samples"], &outcome.figures.iter().map(row).collect::<Vec<_>>()))
+        (table(&["", "#RMSE, N", "#NMSE", "#samples"], &outcome.figures.iter().map(row).collect::<Vec<_>>()))
         p { "RMSE is the root mean squared error; NMSE is its square over the variance of the measured force. "
             em { "Simulation (free run)" } " uses displacement and drive only; " em { "one step ahead" } " is a prediction that also "
             "knows the measured force up to the previous sample. Its baseline is " em { "persistence" } ", the previous measured force \

@@ -7,7 +7,6 @@ use maud::{Markup, html};
 use mr_damper_base::provenance::TOOL;
 use mr_damper_model::inverse::track::{Figures, Point};
 use mr_damper_model::inverse::{Fold, Limits, Method, SurrogateFit};
-use mr_damper_model::units::N_PER_LBF;
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -242,7 +241,7 @@ pub fn html(outcome: &InverseOutcome) -> String {
                 format!("{:.4}", figures.error),
                 format!("{:.4}", figures.error_achievable),
                 format!("{:.1} %", 100.0 * figures.infeasible_share),
-                format!("{rsse_n:.1} N ({:.1} lbf)", rsse_n / N_PER_LBF),
+                format!("{rsse_n:.1} N"),
             ]
         })
         .collect();

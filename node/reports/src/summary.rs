@@ -3,7 +3,6 @@
 use super::demo::DemoOutcome;
 use super::{correlate, demo_diagnosis, diagnosis};
 use mr_damper_model::metrics::Fit;
-use mr_damper_model::units::N_PER_LBF;
 use std::fmt::Write;
 
 /// The outcome in lines of at most 110 columns.
@@ -12,7 +11,7 @@ pub fn text(outcome: &DemoOutcome) -> String {
     // Writing to a string cannot fail.
     let mut text = String::new();
     let width = outcome.figures.iter().map(|figure| figure.name.chars().count()).max().unwrap_or(0);
-    let _ = writeln!(text, "{:<width$} {:>18}  {:>8} {:>8}  {:>8}", "", "RMSE", "NMSE", "samples", "offline");
+    let _ = writeln!(text, "{:<width$} {:>9}  {:>8} {:>8}  {:>8}", "", "RMSE", "NMSE", "samples", "offline");
     for figure in &outcome.figures {
         let offline = figure.offline.map_or("-".to_owned(), |fit| format!("{:.5}", fit.esr));
         let _ = writeln!(text, "{:<width$} {}  {offline:>8}", figure.name, cells(figure.live));
@@ -69,13 +68,7 @@ pub fn text(outcome: &DemoOutcome) -> String {
 
 fn cells(fit: Option<Fit>) -> String {
     match fit {
-        Some(fit) => format!(
-            "{:7.2} N {:5.2} lbf  {:8.5} {:8}",
-            fit.rsse_n,
-            fit.rsse_n / N_PER_LBF,
-            fit.esr,
-            fit.samples
-        ),
-        None => format!("{:>18}  {:>8} {:>8}", "-", "-", "-"),
+        Some(fit) => format!("{:7.2} N  {:8.5} {:8}", fit.rsse_n, fit.esr, fit.samples),
+        None => format!("{:>9}  {:>8} {:>8}", "-", "-", "-"),
     }
 }

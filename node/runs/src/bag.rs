@@ -12,6 +12,7 @@ use super::storage::read;
 use super::suggest::{self, FoundTopic};
 use super::{LoadOptions, Note, RunError};
 use crate::extract::{Dimension, Extractor, MessagePart};
+use mr_damper_base::shown::count;
 use mr_damper_model::sample::{Run, Stamp, Trace};
 use mr_damper_msgs::standard::{Float32, Float64, JointState};
 use mr_damper_msgs::{Message, cdr};
@@ -302,10 +303,19 @@ impl Bag<'_> {
         }
         self.note_axes(notes);
         let could_serve = self.could_serve(&run, drives.iter().all(Option::is_none), &namespace);
-        let mut left = Vec::new();
+        let (mut left, mut outputs) = (Vec::new(), Vec::new());
         for mut topic in self.topics {
             if !is_used(&topic, &namespace, options) {
-                left.push(format!("{} ({}, {} messages)", topic.name, topic.type_name, topic.messages));
+                if is_output(&topic.type_name) {
+                    outputs.push(topic.name);
+                    continue;
+                }
+                left.push(format!(
+                    "{} ({}, {})",
+                    topic.name,
+                    topic.type_name,
+                    count(topic.messages, "message")
+                ));
                 continue;
             }
             topic.notes(notes);
@@ -320,6 +330,9 @@ impl Bag<'_> {
         }
         if !left.is_empty() {
             notes.push(Note::TopicsLeft { topics: left });
+        }
+        if !outputs.is_empty() {
+            notes.push(Note::OutputsLeft { topics: outputs });
         }
         notes.extend(could_serve);
         if self.stray > 0 {
@@ -499,6 +512,20 @@ impl Bag<'_> {
         };
         RunError::NoDisplacement { path, hint }
     }
+}
+
+/// True for the types of messages that a node publishes; `mr-damper record` records them beside the node's inputs.
+fn is_output(type_name: &str) -> bool {
+    [
+        "mr_damper_msgs/msg/ForceEstimate",
+        "mr_damper_msgs/msg/ForceResidual",
+        "mr_damper_msgs/msg/CurrentCommand",
+        "mr_damper_msgs/msg/ModeChange",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        "rcl_interfaces/msg/Log",
+        "rcl_interfaces/msg/ParameterEvent",
+    ]
+    .contains(&type_name)
 }
 
 /// True if the run uses the topic, or carries it through.

@@ -140,6 +140,12 @@ impl Quantity {
     }
 }
 
+/// All names of the run format, for messages.
+pub(super) fn all_names() -> String {
+    let names: Vec<String> = Quantity::ALL.into_iter().map(Quantity::names).collect();
+    format!("time_s, {}", names.join(", "))
+}
+
 /// The meaning of a header cell.
 pub(super) enum Column {
     /// `time_s`.

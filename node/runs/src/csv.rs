@@ -5,7 +5,7 @@
 //! table, and a bag can be converted to CSV and back. Empty cells are reported in a note, because in a hand-made file they
 //! are more often an omission.
 
-use super::column::{Column, Quantity, THESIS_ORDER};
+use super::column::{Column, Quantity, THESIS_ORDER, all_names};
 use super::decimal::{parse_nanos, seconds_text};
 use super::error::MapFault;
 use super::map::{Channel, Convert, Map, Mapping};
@@ -514,25 +514,32 @@ fn missing(no_time: bool, headers: &[String]) -> String {
                 --thesis-txt for the order time, displacement, force, current, ambient, case, set point"
             .into();
     }
-    let (lacks, channel) = if no_time {
-        ("`time_s`".to_owned(), "time")
-    } else {
-        (format!("displacement ({})", Quantity::Displacement.names()), "displacement")
+    if let [only] = headers
+        && only.contains([';', '\t'])
+    {
+        return format!(
+            "no column `time_s` among: {}; the fields seem to be split by `;` or tabs: split them by commas",
+            shown(headers)
+        );
+    }
+    let has_displacement =
+        |name: &String| matches!(Column::of_header(name), Column::Known(Quantity::Displacement, _));
+    let displacement = || format!("displacement ({})", Quantity::Displacement.names());
+    let (lacks, channel) = match (no_time, headers.iter().any(has_displacement)) {
+        (true, true) => ("`time_s`".to_owned(), "time"),
+        (true, false) => (format!("`time_s` and no {}", displacement()), "time"),
+        (false, _) => (displacement(), "displacement"),
     };
     let is_time = |header: &&str| matches!(Column::of_header(header), Column::Time);
     let free = headers.iter().map(String::as_str).filter(|header| no_time || !is_time(header));
-    let hint = match headers {
-        [only] if only.contains([';', '\t']) => {
-            "; the fields seem to be split by `;` or tabs: split them by commas".to_owned()
-        }
-        _ => {
-            let flag = suggest::column_for(channel, free);
-            let say =
-                flag.map(|flag| format!(", or say which column it is, as in {flag}")).unwrap_or_default();
-            format!("; the unit belongs to the name, as in displacement_mm{say}")
-        }
-    };
-    format!("no column {lacks} among: {}{hint}", shown(headers))
+    let flag = suggest::column_for(channel, free);
+    let say = flag.map(|flag| format!(", or say which column it is, as in {flag}")).unwrap_or_default();
+    format!(
+        "no column {lacks} among: {}; the unit belongs to the name, as in displacement_mm{say}, or name the columns with --column \
+         NAME=HEADER,...; all names are {}",
+        shown(headers),
+        all_names()
+    )
 }
 
 /// A decimal number, finite or not; `None` if the text is not a number.

@@ -131,6 +131,14 @@ pub enum RunError {
         /// The reason, and advice.
         hint: String,
     },
+    /// The sign of a channel was given, but the run does not have the channel.
+    #[error("{}: has no {channel}, so its sign cannot be changed; leave it out of --sign", path.display())]
+    SignOfNothing {
+        /// The run.
+        path: PathBuf,
+        /// The channel.
+        channel: &'static str,
+    },
     /// Both kinds of drive were recorded, and none was chosen.
     #[error(
         "{}: both a coil current ({current}) and a command voltage ({command}) are recorded, and a model \

@@ -34,6 +34,7 @@ mod bag_write;
 mod column;
 mod csv;
 mod csv_write;
+mod cycles;
 mod decimal;
 mod error;
 pub mod extract;
@@ -45,6 +46,8 @@ mod metadata;
 mod names;
 mod note;
 mod pack;
+mod resample;
+mod sign;
 mod sqlite;
 mod sqlite_write;
 mod storage;
@@ -56,8 +59,9 @@ mod wire;
 pub use bag_types::{BagOptions, Storage, Sync, Topic};
 pub use bag_write::{BagSummary, BagWriter, TopicId};
 pub use error::{MapFault, RunError};
-pub use map::{Map, MapError, MapFileError, Mapping};
+pub use map::{ColumnMapping, Map, MapError, MapFileError, Mapping};
 pub use note::Note;
+pub use sign::{Sign, SignError};
 pub use whole::write_text;
 
 use hash::{Hash, HashingReader};
@@ -90,6 +94,8 @@ pub struct LoadOptions {
     pub joint: Option<String>,
     /// Sources of channels whose topics or columns have other names (`--map`).
     pub map: Map,
+    /// Signs of channels (`--sign`), applied to the values in SI units after the map.
+    pub signs: Vec<Sign>,
 }
 
 /// How a run is written.
@@ -101,6 +107,8 @@ pub struct SaveOptions {
     pub bag: BagOptions,
     /// The part of the run that is written.
     pub part: RunSection,
+    /// The rate that the run is resampled to before it is cut, Hz; `None` keeps its samples.
+    pub resample_hz: Option<f64>,
 }
 
 /// A part of a run, in time since its first displacement; by default the whole run.
@@ -110,6 +118,10 @@ pub struct RunSection {
     pub start_s: f64,
     /// Duration, s; `None` means to the end of the run.
     pub duration_s: Option<f64>,
+    /// First and last cycle, both included, counted from 1; `None` means all. Start and duration then count within them.
+    pub cycles: Option<(u32, u32)>,
+    /// Move start and end to starts of cycles: the start to the next one, the end to the one before.
+    pub whole_cycles: bool,
 }
 
 impl RunSection {
@@ -118,21 +130,51 @@ impl RunSection {
         if *self == Self::default() {
             return Ok(Cow::Borrowed(run));
         }
+        let unwritable =
+            |what: String, why: String| RunError::Unwritable { path: path.to_owned(), what, why };
+        let starts = match self.cycles.is_some() || self.whole_cycles {
+            true => cycles::starts(&run.displacement_m),
+            false => Vec::new(),
+        };
         let first = run.displacement_m.stamps.first().copied().unwrap_or_default();
-        let at = |seconds: f64| first.shifted((seconds * 1e9).round() as i64);
-        let to = self.duration_s.map_or(Stamp::from_nanos(i64::MAX), |length| at(self.start_s + length));
-        let cut = run.between(at(self.start_s), to);
+        let (mut from, mut to) = (first, Stamp::from_nanos(i64::MAX));
+        if let Some((begin, end)) = self.cycles {
+            // The end of a cycle is the start of the next one.
+            let start = |cycle: u32| starts.get(cycle as usize).copied();
+            match (begin.checked_sub(1).and_then(start), start(end)) {
+                (Some(begins), Some(ends)) if begin <= end => (from, to) = (begins, ends),
+                _ => {
+                    let (what, whole) = (format!("cycles {begin}:{end}"), starts.len().saturating_sub(1));
+                    let why = format!(
+                        "the run has {whole} whole cycles, in which displacement rises through the middle of its range; give the \
+                         first and the last, from 1:1 to 1:{whole}"
+                    );
+                    return Err(unwritable(what, why));
+                }
+            }
+        }
+        let at = |seconds: f64| from.shifted((seconds * 1e9).round() as i64);
+        let end = self.duration_s.map_or(to, |length| at(self.start_s + length).min(to));
+        let (mut from, mut to) = (at(self.start_s), end);
+        if self.whole_cycles {
+            let within: Vec<Stamp> =
+                starts.into_iter().filter(|start| *start >= from && *start <= to).collect();
+            match within.as_slice() {
+                [begin, .., end] => (from, to) = (*begin, *end),
+                _ => {
+                    let what = format!("whole cycles from {} s on", self.start_s);
+                    return Err(unwritable(what, "this part of the run holds no whole cycle".to_owned()));
+                }
+            }
+        }
+        let cut = run.between(from, to);
         if self.start_s >= 0.0 && !cut.displacement_m.is_empty() {
             return Ok(Cow::Owned(cut));
         }
-        Err(RunError::Unwritable {
-            path: path.to_owned(),
-            what: format!("the part from {} s on", self.start_s),
-            why: format!(
-                "the run has {:.3} s of displacement, none of it in this part",
-                run.duration().get()
-            ),
-        })
+        Err(unwritable(
+            format!("the part from {} s on", self.start_s),
+            format!("the run has {:.3} s of displacement, none of it in this part", run.duration().get()),
+        ))
     }
 }
 
@@ -191,7 +233,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
     let mut hash = Hash::default();
     let is_dir = fs::metadata(path).map_err(RunError::io(path, "open"))?.is_dir();
     let extension = extension(path);
-    let run = match extension.as_str() {
+    let mut run = match extension.as_str() {
         _ if is_dir => {
             let files = metadata::files(path, &mut notes)?;
             bag::load(path, &files, options, &mut notes, &mut hash)?
@@ -207,6 +249,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
         }
         other => return Err(RunError::NotARun { path: path.to_owned(), why: format!("a .{other} file") }),
     };
+    sign::apply(&options.signs, &mut run, path)?;
     Ok(Loaded { run, notes, sha256: hash.finish() })
 }
 
@@ -231,7 +274,8 @@ pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunErro
     if path.symlink_metadata().is_ok() {
         return Err(RunError::Exists { path: path.to_owned() });
     }
-    let run = &*options.part.of(run, path)?;
+    let even = options.resample_hz.map(|rate_hz| resample::resampled(run, rate_hz, path)).transpose()?;
+    let run = &*options.part.of(even.as_ref().unwrap_or(run), path)?;
     match extension(path).as_str() {
         "csv" => write_file(path, |sink| csv_write::write(run, path, sink)),
         "mcap" => {

@@ -9,10 +9,15 @@
 //! value is `sign * (raw - offset)`, with raw value and offset in SI, as with the node's parameters `<input>.sign` and
 //! `<input>.offset`. All channels without a mapping are read by their names.
 
-use super::column::Quantity;
+mod column_mapping;
+
+pub use column_mapping::ColumnMapping;
+
+use super::column::{Quantity, all_names};
 use super::names::{TOPICS, topic_of};
 use super::unit::{self, TIME, TimeUnit, Unit};
 use crate::extract::calibrated;
+use mr_damper_base::shown::ALIKE;
 use std::fmt;
 use std::str::FromStr;
 
@@ -70,13 +75,29 @@ pub enum MapError {
         /// The text as given.
         text: String,
     },
+    /// A column was not given as name and header.
+    #[error("`{text}` is not a column; write NAME=HEADER, as in displacement_in=x_in")]
+    ColumnForm {
+        /// The text as given.
+        text: String,
+    },
+    /// The name of a column is not in the run format.
+    #[error("`{name}` is not a name of the run format; names are {}", all_names())]
+    ColumnName {
+        /// The text as given.
+        name: String,
+    },
     /// Unknown channel.
-    #[error("`{name}` is not a channel; did you mean {nearest}? Channels are {}", channel_names())]
+    #[error(
+        "`{name}` is not a channel{} Channels are {}",
+        nearest.map_or_else(|| ".".to_owned(), |nearest| format!("; did you mean {nearest}?")),
+        channel_names()
+    )]
     Channel {
         /// The text as given.
         name: String,
         /// The channel with the most similar name.
-        nearest: &'static str,
+        nearest: Option<&'static str>,
     },
     /// Unknown option.
     #[error("`{text}` is not an option of a mapping; options are sign=-1, offset=NUMBER and unit=UNIT")]
@@ -202,7 +223,7 @@ impl Channel {
 }
 
 /// The channel that has the name most similar to `name`.
-fn nearest_channel(name: &str) -> &'static str {
+fn nearest_channel(name: &str) -> Option<&'static str> {
     let name = name.to_ascii_lowercase();
     let likeness = |quantity: &Quantity| {
         let of = |known: &str| strsim::jaro_winkler(known, &name);
@@ -210,7 +231,7 @@ fn nearest_channel(name: &str) -> &'static str {
         of(topic_of(*quantity)).max(of(quantity.si_name()))
     };
     let nearest = Quantity::ALL.into_iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
-    nearest.map_or("", topic_of)
+    nearest.filter(|nearest| likeness(nearest) >= ALIKE).map(topic_of)
 }
 
 /// Why a file of mappings cannot be used.
@@ -312,6 +333,11 @@ impl Mapping {
             }
             _ => Err(no_option()),
         }
+    }
+
+    /// True if the sign of the values is changed.
+    pub(super) const fn is_negative(&self) -> bool {
+        self.negative
     }
 
     /// The topic, and its joint or axis, if the source is a topic.

@@ -1,6 +1,7 @@
 //! Notes on a run that was read.
 
 use super::map::flag;
+use mr_damper_base::shown::count as counted;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -118,6 +119,11 @@ pub enum Note {
         /// Their names.
         topics: Vec<String>,
     },
+    /// Outputs of a node, such as estimates, which do not belong to a run. They are expected, so the note is not a warning.
+    OutputsLeft {
+        /// Their names.
+        topics: Vec<String>,
+    },
     /// Topics that were read by their names, although displacement is mapped.
     TakenByName {
         /// Topic and channel of each.
@@ -158,14 +164,22 @@ pub enum Note {
     },
 }
 
+impl Note {
+    /// False if the note only says what is expected, as for a bag of our own recorder.
+    #[must_use]
+    pub const fn is_warning(&self) -> bool {
+        !matches!(self, Self::OutputsLeft { .. })
+    }
+}
+
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::RowsSkipped { count, first } => {
-                write!(f, "{count} bad rows skipped; the first: {}", first.join(" | "))
+                write!(f, "{} skipped; the first: {}", counted(*count, "bad row"), first.join(" | "))
             }
             Self::EmptyCells { column, count } => {
-                write!(f, "column `{column}`: {count} empty cells taken as no sample")
+                write!(f, "column `{column}`: {} taken as no sample", counted(*count, "empty cell"))
             }
             Self::UnitUnknown { column, channel, known } => {
                 write!(
@@ -176,7 +190,12 @@ impl fmt::Display for Note {
                 )
             }
             Self::CutShort { path, offset, messages, why } => {
-                write!(f, "{}: read up to byte {offset}, {messages} messages; there: {why}", path.display())
+                write!(
+                    f,
+                    "{}: read up to byte {offset}, {}; there: {why}",
+                    path.display(),
+                    counted(*messages, "message")
+                )
             }
             Self::ChunkDamaged { path, offset, why } => {
                 write!(f, "{}: chunk at byte {offset} left out: {why}", path.display())
@@ -200,19 +219,34 @@ impl fmt::Display for Note {
                 path.display()
             ),
             Self::Undecodable { topic, count, first } => {
-                write!(f, "topic {topic}: {count} messages could not be decoded; the first: {first}")
+                write!(
+                    f,
+                    "topic {topic}: {} could not be decoded; the first: {first}",
+                    counted(*count, "message")
+                )
             }
             Self::NotFinite { topic, count } => {
-                write!(f, "topic {topic}: {count} messages with NaN or infinite values dropped")
+                write!(f, "topic {topic}: {} with NaN or infinite values dropped", counted(*count, "message"))
             }
             Self::NotIncreasing { topic, count } => {
-                write!(f, "topic {topic}: {count} messages dropped whose stamp is not after the one before")
+                write!(
+                    f,
+                    "topic {topic}: {} dropped whose stamp is not after the one before",
+                    counted(*count, "message")
+                )
             }
             Self::Unstamped { topic, count } => {
-                write!(f, "topic {topic}: {count} messages without a stamp took their recording time")
+                write!(
+                    f,
+                    "topic {topic}: {} without a stamp took the time of recording",
+                    counted(*count, "message")
+                )
             }
             Self::TopicsLeft { topics } => {
                 write!(f, "not part of the run: {}", topics.join(", "))
+            }
+            Self::OutputsLeft { topics } => {
+                write!(f, "outputs of the node do not belong to the run: {}", topics.join(", "))
             }
             Self::TakenByName { topics } => {
                 write!(f, "read by name, without a map: {}", topics.join(", "))

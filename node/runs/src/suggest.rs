@@ -4,6 +4,7 @@ use super::column::Quantity;
 use super::map::flag;
 use super::names::topic_of;
 use crate::extract::{CarriesValue, DEFAULT_AXIS, Dimension, Extractor, MessagePart};
+use mr_damper_base::shown::count;
 use mr_damper_msgs::standard::JointState;
 use std::fmt::Write as _;
 
@@ -75,7 +76,8 @@ impl FoundTopic<'_> {
 
     fn line(&self, quantity: Quantity) -> String {
         let mark = if self.source(quantity).is_some() { '*' } else { ' ' };
-        let mut line = format!("  {mark} {}  {}, {} messages", self.name, self.type_name, self.messages);
+        let mut line =
+            format!("  {mark} {}  {}, {}", self.name, self.type_name, count(self.messages, "message"));
         if let Some(joints) = self.joints {
             let _ = write!(line, ", joints: {}", joints.name.join(", "));
         }

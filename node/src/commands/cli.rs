@@ -3,8 +3,8 @@
 use crate::commands::context::CliContext;
 use crate::commands::logging::{self, LogFormat, Outputs};
 use crate::commands::{
-    close, compare, convert, demo, doctor, evaluate, export, fis, identify, inverse, node, predict, presets,
-    record, replay, reproduce, serve, simulate, top,
+    close, coefficients, compare, completions, convert, demo, doctor, evaluate, export, fis, identify,
+    inverse, man, node, overview, predict, presets, record, replay, reproduce, serve, simulate, top,
 };
 use crate::settings::config::RosArgs;
 use crate::settings::error::NodeError;
@@ -12,20 +12,22 @@ use crate::settings::interrupt::Interrupt;
 use crate::streams::player;
 use clap::{Parser, Subcommand};
 use mr_damper_base::shown;
-use mr_damper_views::ServeError;
 use std::process::ExitCode;
+
+/// Heading of the options that every command takes.
+const GLOBAL: &str = "Options of all commands";
 
 /// Force of magneto-rheological dampers: a virtual sensor on ROS 2, mirrored to Zenoh.
 ///
-/// Without a command, the demo runs. Exit codes: 0 done, 1 the work failed, 2 wrong usage.
+/// Without a command, the commands are listed by purpose. Exit codes: 0 done, 1 the work failed, 2 wrong usage.
 #[derive(Debug, Parser)]
 #[command(name = "mr-damper", version = crate::process::hardened::version(), max_term_width = 110)]
 pub struct Cli {
     /// Log only warnings and errors, and show no progress.
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, help_heading = GLOBAL)]
     quiet: bool,
     /// Format of log lines (written to stderr).
-    #[arg(long, global = true, value_enum, default_value_t)]
+    #[arg(long, global = true, value_enum, default_value_t, help_heading = GLOBAL)]
     log_format: LogFormat,
     #[command(subcommand)]
     command: Option<Command>,
@@ -49,9 +51,12 @@ enum Command {
     Fis(fis::Args),
     Export(export::Args),
     Presets(presets::Args),
+    Coefficients(coefficients::Args),
     Doctor(doctor::Args),
     Serve(serve::Args),
     Top(top::Args),
+    Completions(completions::Args),
+    Man(man::Args),
 }
 
 impl Command {
@@ -82,6 +87,9 @@ impl Command {
             Self::Fis(_) => "fis",
             Self::Export(_) => "export",
             Self::Presets(_) => "presets",
+            Self::Coefficients(_) => "coefficients",
+            Self::Completions(_) => "completions",
+            Self::Man(_) => "man",
             // These commands start nodes with names but without parameters.
             Self::Replay(_) => return self.refuse_parameters("replay", given),
             Self::Record(_) => return self.refuse_parameters("record", given),
@@ -100,7 +108,8 @@ impl Command {
 /// Runs the command line `arguments` (without the program's name).
 #[must_use]
 pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
-    let (plain, ros_args) = match RosArgs::split(arguments) {
+    let arguments: Vec<String> = arguments.into_iter().collect();
+    let (plain, ros_args) = match RosArgs::split(arguments.iter().cloned()) {
         Ok(split) => split,
         Err(error) => {
             eprintln!("{}", shown::error(&error));
@@ -112,6 +121,11 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
         Err(error) => {
             // Help and version count as success; clap sets the exit code.
             let _ = error.print();
+            if error.kind() == clap::error::ErrorKind::UnknownArgument
+                && let Some(hint) = ros_args_hint(&arguments)
+            {
+                eprintln!("\n{}", shown::line(&hint));
+            }
             return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
         }
     };
@@ -126,26 +140,34 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("{}", shown::error(&error));
-            let cause = match &error {
-                NodeError::Damper { why, .. } => why,
-                other => other,
-            };
-            match cause {
-                NodeError::Parameter { .. }
-                | NodeError::UnknownParameter { .. }
-                | NodeError::RosArgs(_)
-                | NodeError::Usage(_)
-                | NodeError::Serve(
-                    ServeError::PageBeyondLoopback { .. } | ServeError::WorkshopBeyondLoopback { .. },
-                ) => ExitCode::from(2),
-                _ => ExitCode::FAILURE,
-            }
+            if error.is_wrong_usage() { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }
 }
 
+/// A hint for ROS arguments that were given without `--ros-args`; `None` if none were.
+fn ros_args_hint(arguments: &[String]) -> Option<String> {
+    if arguments.iter().any(|argument| argument == "--ros-args") {
+        return None;
+    }
+    let is_ros = |argument: &str| {
+        ["-p", "-r", "-e", "--param", "--remap", "--params-file", "--log-level", "--enclave"]
+            .contains(&argument)
+            || argument.contains(":=")
+    };
+    let first = arguments.iter().position(|argument| is_ros(argument))?;
+    // A bare name:=value is a parameter, as with `ros2 launch`.
+    let flag = if arguments[first].contains(":=") { "-p " } else { "" };
+    let (before, after) = (arguments[..first].join(" "), arguments[first..].join(" "));
+    Some(format!("ROS arguments follow --ros-args: mr-damper {before} --ros-args {flag}{after}"))
+}
+
 fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
-    let command = cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default()));
+    let command = match cli.command {
+        Some(command) => command,
+        None if overview::is_cargo_run() => Command::Demo(demo::Args::default()),
+        None => return overview::show(&ros_args),
+    };
     command.check_ros_args(&ros_args)?;
     let ros_args = ros_args.for_node(command.node_name());
     let context = CliContext { interrupt: Interrupt::install()?, quiet: cli.quiet, ros_args };
@@ -167,6 +189,9 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Export(args) => export::run(&args, &context),
         Command::Doctor(args) => doctor::run(&args, &context),
         Command::Presets(args) => presets::run(&args),
+        Command::Coefficients(args) => coefficients::run(&args),
+        Command::Completions(args) => completions::run(&args),
+        Command::Man(args) => man::run(&args, &context),
         Command::Serve(args) => serve::run(&args, &context),
         Command::Top(args) => top::run(&args, &context),
     }
@@ -175,6 +200,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::config::TABLE;
     use clap::CommandFactory;
 
     /// True for commands whose help names a run as input (a single value or a list).
@@ -208,6 +234,51 @@ mod tests {
     }
 
     #[test]
+    fn ros_arguments_without_their_marker_get_a_hint() {
+        let hint = |line: &str| {
+            let arguments: Vec<String> = line.split_whitespace().map(str::to_owned).collect();
+            Cli::try_parse_from(std::iter::once("mr-damper".to_owned()).chain(arguments.clone()))
+                .expect_err(line);
+            ros_args_hint(&arguments)
+        };
+        for (line, instead) in [
+            ("node -p model:=x", "mr-damper node --ros-args -p model:=x"),
+            ("node --quiet model:=x -r a:=b", "mr-damper node --quiet --ros-args -p model:=x -r a:=b"),
+            ("replay a.csv -r __ns:=/fl", "mr-damper replay a.csv --ros-args -r __ns:=/fl"),
+            ("node --params-file a.yaml", "mr-damper node --ros-args --params-file a.yaml"),
+        ] {
+            assert_eq!(hint(line).expect(line), format!("ROS arguments follow --ros-args: {instead}"));
+        }
+        assert_eq!(hint("node --mdel x"), None);
+        assert_eq!(hint("node --ros-args -p"), None);
+    }
+
+    #[test]
+    fn help_shows_defaults_in_groups_and_doctor_does_not_repeat_them() {
+        let mut cli = Cli::command();
+        cli.build();
+        let help = |name: &str| {
+            let command = cli.find_subcommand(name).expect(name);
+            command.clone().term_width(0).render_long_help().to_string()
+        };
+        let node = help("node");
+        for parameter in TABLE.iter() {
+            let at = node.find(&format!("--{} <VALUE>", parameter.flag())).expect(parameter.name);
+            let text = node[at..].lines().nth(1).unwrap_or_default();
+            let default = parameter.default_text().unwrap_or_else(|| "empty".to_owned());
+            assert!(text.ends_with(&format!("; default: {default}]")), "{}: {text}", parameter.name);
+        }
+        let places = ["Parameters: Node", "Parameters: Zenoh mirror", "Options of all commands:"]
+            .map(|heading| node.find(heading).expect(heading));
+        assert!(places.is_sorted(), "{node}");
+        assert!(!help("doctor").contains("--coast-s"), "{}", help("doctor"));
+        for line in ["doctor --coast-s 1", "node --coast-s 1"] {
+            let words = std::iter::once("mr-damper").chain(line.split_whitespace());
+            Cli::try_parse_from(words).expect(line);
+        }
+    }
+
+    #[test]
     fn no_command_ignores_ros_arguments_that_it_does_not_use() {
         let outcome = |line: &str| {
             let words = line.split_whitespace().map(str::to_owned);
@@ -228,6 +299,9 @@ mod tests {
             "fis a.fis --rate 512 --out models",
             "export m.toml --c out",
             "presets",
+            "coefficients m.toml",
+            "completions bash",
+            "man pages",
         ] {
             for ros in ["-r displacement:=/x", "-r __ns:=/a", "-p coast_s:=1", "--enclave /a"] {
                 let message = outcome(&format!("{command} --ros-args {ros}")).expect_err(command);

@@ -4,7 +4,7 @@
 use crate::commands::bag_args::BagArgs;
 use crate::commands::context::CliContext;
 use crate::commands::fis::{self, ScaleArgs};
-use crate::commands::run_args::RunArgs;
+use crate::commands::run_args::{RunArgs, log_notes};
 use crate::settings::error::NodeError;
 use mr_damper_base::shown;
 use mr_damper_runs::{RunSection, SaveOptions, write_text};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 ///
 /// Runs: a target that ends in .csv, .mcap or .db3 is written as such a file, any other target as a rosbag2 directory,
 /// without loss. With --start and --duration only a part of the run is written, for example one half for identification
-/// and one for tests.
+/// and one for tests; --cycles and --whole-cycles cut at the same phase of the motion. --resample writes samples at an even rate.
 ///
 /// Models: if OUT ends in .fis, IN is a model file or preset of fuzzy rules (anfis, tsk-...). If IN ends in .fis, OUT is a
 /// model file that ends in .toml, and --like or --rate gives what the FIS file does not hold. `mr-damper fis` converts
@@ -37,6 +37,17 @@ pub struct Args {
     /// Write this many seconds; by default to the end.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
+    /// Write these cycles, both included, counted from 1. A cycle begins where displacement rises through the middle of its
+    /// range. --start and --duration then count within them.
+    #[arg(long, value_name = "FIRST:LAST", value_parser = cycles)]
+    pub cycles: Option<(u32, u32)>,
+    /// Cut at the same phase of the motion: move the start to the next start of a cycle, and the end to the one before.
+    #[arg(long)]
+    pub whole_cycles: bool,
+    /// Resample all channels to this rate by linear interpolation, before the run is cut. Models that use force need samples at
+    /// an even rate. The channels are not filtered, so the rate must be above twice the highest frequency of the motion.
+    #[arg(long, value_name = "HZ")]
+    pub resample: Option<f64>,
     /// How bags are written.
     #[command(flatten)]
     pub bag: BagArgs,
@@ -70,6 +81,9 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             ("--namespace", !args.namespace.is_empty()),
             ("--start", args.start != 0.0),
             ("--duration", args.duration.is_some()),
+            ("--cycles", args.cycles.is_some()),
+            ("--whole-cycles", args.whole_cycles),
+            ("--resample", args.resample.is_some()),
         ],
     )?;
     let given = args.bag.given().or(args.load.given());
@@ -125,21 +139,39 @@ fn convert_model(
     Ok(())
 }
 
+/// Parses `--cycles`.
+fn cycles(text: &str) -> Result<(u32, u32), &'static str> {
+    let numbers = text.split_once(':').map(|(first, last)| (first.parse::<u32>(), last.parse::<u32>()));
+    match numbers {
+        Some((Ok(first), Ok(last))) if first >= 1 && first <= last => Ok((first, last)),
+        _ => Err("give the first and the last cycle, counted from 1, as in 10:40"),
+    }
+}
+
 /// Converts a run.
 fn convert_run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     args.bag.check(&args.output)?;
-    let part = RunSection { start_s: args.start, duration_s: args.duration };
-    let save = SaveOptions { namespace: args.namespace.clone(), part, bag: args.bag.options() };
+    let part = RunSection {
+        start_s: args.start,
+        duration_s: args.duration,
+        cycles: args.cycles,
+        whole_cycles: args.whole_cycles,
+    };
+    let save = SaveOptions {
+        namespace: args.namespace.clone(),
+        part,
+        bag: args.bag.options(),
+        resample_hz: args.resample,
+    };
     let loaded = mr_damper_runs::convert(&args.input, &args.output, &args.load.options()?, &save)?;
-    for note in &loaded.notes {
-        tracing::warn!(run = %args.input.display(), "{note}");
-    }
+    log_notes(&args.input, &loaded.notes);
     if !context.quiet {
         let (run, output) = (&loaded.run, args.output.display());
         let (count, length_s) = (run.displacement_m.len(), run.duration().get());
         let what = if part == RunSection::default() { "written to" } else { "a part of it written to" };
         let input = args.input.display();
-        let text = format!("{input}: {count} displacements, {length_s:.1} s, {what} {output}");
+        let text =
+            format!("{input}: {}, {length_s:.1} s, {what} {output}", shown::count(count, "displacement"));
         eprintln!("{}", shown::line(&text));
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use crate::commands::{context::CliContext, output};
 use crate::nodes::checks::{Finding, Level, examine};
-use crate::settings::config::{self, ParameterFlags};
+use crate::settings::config::{self, UnlistedParameterFlags};
 use crate::settings::error::{NodeError, PartError};
 use mr_damper_base::shown;
 use serde::Serialize;
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 /// Check what would keep the service from working on this machine: models, domain, multicast, ports, clock, priorities, limits.
 ///
-/// The command takes the arguments of `node` and tries everything that such a node depends on. It joins the ROS domain and
+/// The command takes the arguments of `node`, also each parameter as a flag (`mr-damper node --help` lists them), and tries everything that such a node depends on. It joins the ROS domain and
 /// leaves it again, and opens no port that the node would not open. It takes about five seconds. The exit code is 1 if the
 /// node would not run or would not be heard.
 ///
@@ -23,9 +23,9 @@ pub struct Args {
     /// Write the findings as JSON to a file; without a file name, or with -, print only the JSON to stdout.
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     pub json: Option<PathBuf>,
-    /// Parameters as flags.
+    /// Parameters as flags, as for `node`.
     #[command(flatten)]
-    pub parameters: ParameterFlags,
+    pub parameters: UnlistedParameterFlags,
 }
 
 #[derive(Serialize)]
@@ -39,7 +39,7 @@ struct Report<'a> {
 /// # Errors
 /// When the parameters cannot be read, or something would keep the node from working.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
-    let dampers = config::dampers(args.config.as_deref(), &context.ros_args, &args.parameters.given)?;
+    let dampers = config::dampers(args.config.as_deref(), &context.ros_args, &args.parameters.0.given)?;
     let aloud = args.json.as_deref() != Some(Path::new("-"));
     let mut findings = Vec::new();
     examine(&dampers, &context.interrupt, |finding| {

@@ -5,13 +5,13 @@ mod relation;
 use crate::commands::context::CliContext;
 use crate::commands::output;
 use crate::commands::run_args::RunArgs;
+use crate::commands::units::{Units, UnitsArgs};
 use crate::estimation::models;
 use crate::settings::error::NodeError;
 use mr_damper_base::shown;
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model_file::{Provenance, Role};
-use mr_damper_model::units::N_PER_LBF;
 use mr_damper_reports::evaluate::{RunReport, figures};
 use mr_damper_runs::write_text;
 use serde::Serialize;
@@ -44,6 +44,9 @@ pub struct Args {
     /// three runs that the model was not identified from and that resemble its later use.
     #[arg(long, value_name = "MODEL.toml")]
     pub calibrate: Option<PathBuf>,
+    /// Unit of forces.
+    #[command(flatten)]
+    pub units: UnitsArgs,
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
@@ -149,7 +152,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let report = Report { schema: "mr-damper/evaluate/1", model: &args.model, runs: reports, other_runs };
     match &args.json {
         Some(path) => output::json(path, &report)?,
-        None => print!("{}", shown::lines(&table(&report))),
+        None => print!("{}", shown::lines(&table(&report, args.units.units))),
     }
     if let Some(out) = &args.calibrate {
         file.model.expected.uncertainty = Some(calibrator.finish()?);
@@ -165,7 +168,7 @@ fn used_as(provenance: &Provenance, sha256: &str) -> Option<Role> {
     Some(run.role.unwrap_or(Role::Estimate))
 }
 
-fn table(report: &Report<'_>) -> String {
+fn table(report: &Report<'_>, units: Units) -> String {
     let mut text = format!("{}\n", report.model);
     for EvaluatedRun { figures: run, used_as } in &report.runs {
         let mark = match used_as {
@@ -175,42 +178,45 @@ fn table(report: &Report<'_>) -> String {
             None => "",
         };
         text += &format!("\n{}{mark}\n", shown::line(&run.run));
-        text += &rows([run.free_run, run.free_run_without_offset, run.one_step, run.persistence]);
+        text += &rows([run.free_run, run.free_run_without_offset, run.one_step, run.persistence], units);
         if let Some(band) = &run.band {
             text += &format!(
-                "  within the 90 % band      {:.1} % of {} samples\n",
+                "  within the 90 % band      {:.1} % of {}\n",
                 100.0 * band.share,
-                band.samples
+                shown::count(band.samples, "sample")
             );
         }
-        text += &format!("  mean error {:.2} N", run.offset_n);
-        text +=
-            &if run.refused > 0 { format!(", {} samples refused\n", run.refused) } else { "\n".to_owned() };
+        text += &format!("  mean error {:.2} {}", units.of_n(run.offset_n), units.symbol());
+        text += &if run.refused > 0 {
+            format!(", {} refused\n", shown::count(run.refused, "sample"))
+        } else {
+            "\n".to_owned()
+        };
     }
     if let Some(all) = &report.other_runs {
         let excluded = if all.runs < report.runs.len() { " that the model was not made with" } else { "" };
         text += &format!("\nall {} runs{excluded}\n", all.runs);
-        text += &rows([all.free_run, all.free_run_without_offset, all.one_step, all.persistence]);
+        text += &rows([all.free_run, all.free_run_without_offset, all.one_step, all.persistence], units);
     }
     text
 }
 
 /// The errors of the simulation, of the simulation without offset, of the one-step-ahead prediction, and of persistence.
-fn rows(fits: [Option<Fit>; 4]) -> String {
+fn rows(fits: [Option<Fit>; 4], units: Units) -> String {
     let names =
         ["simulation (free run)", "simulation, offset out", "one step ahead", "persistence (one step)"];
-    names.into_iter().zip(fits).map(|(name, fit)| row(name, fit)).collect()
+    names.into_iter().zip(fits).map(|(name, fit)| row(name, fit, units)).collect()
 }
 
 /// The line of one kind of error.
-fn row(name: &str, fit: Option<Fit>) -> String {
+fn row(name: &str, fit: Option<Fit>, units: Units) -> String {
     match fit {
         Some(fit) => format!(
-            "  {name:<24} RMSE {:9.2} N ({:7.2} lbf)   NMSE {:.6}   {} samples\n",
-            fit.rsse_n,
-            fit.rsse_n / N_PER_LBF,
+            "  {name:<24} RMSE {:9.2} {}   NMSE {:.6}   {}\n",
+            units.of_n(fit.rsse_n),
+            units.symbol(),
             fit.esr,
-            fit.samples
+            shown::count(fit.samples, "sample")
         ),
         None => format!("  {name:<24} -\n"),
     }

@@ -1,5 +1,7 @@
 //! `mr-damper identify`: identifies a model from recorded runs.
 
+use crate::commands::coefficients::fitted::{self, Draws};
+use crate::commands::coefficients::{self, Format};
 use crate::commands::conditioning::{ConditioningArgs, FilterArg, VelocityArg, velocity_text};
 use crate::commands::context::CliContext;
 use crate::commands::fis;
@@ -9,6 +11,7 @@ use crate::commands::run_args::RunArgs;
 use crate::settings::error::NodeError;
 use clap::builder::PossibleValuesParser;
 use mr_damper_base::provenance::{TOOL, date, expect};
+use mr_damper_base::shown;
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
@@ -21,6 +24,7 @@ use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
 use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use mr_damper_model::sample::{DriveKind, Run};
+use mr_damper_model::statistics::bootstrap::resampled_runs;
 use mr_damper_reports::Recording;
 use mr_damper_reports::identify::{self as page, IdentifyOutcome, SteppedRun};
 use mr_damper_runs::write_text;
@@ -67,6 +71,14 @@ pub struct Args {
     /// normalised values; the model file holds the normalisation.
     #[arg(long, value_name = "MODEL.fis")]
     pub fis: Option<PathBuf>,
+    /// Also write the coefficients as a table with symbol, value, unit and standard error: .csv, .md (Markdown) or .tex (LaTeX).
+    #[arg(long, value_name = "TABLE")]
+    pub coefficients: Option<PathBuf>,
+    /// Fit N times more, each time to runs that are drawn from the given runs with replacement, and write the scatter of each
+    /// coefficient beside its standard error. The standard error covers the scatter within these runs; the bootstrap also covers
+    /// differences between runs. A hundred fits or more are usual.
+    #[arg(long, value_name = "N", requires = "coefficients", value_parser = clap::value_parser!(u32).range(10..=10_000))]
+    pub bootstrap: Option<u32>,
     /// Validation runs: held out of the fit, and scored.
     #[arg(long, value_name = "RUN", num_args = 1..)]
     pub validate: Vec<PathBuf>,
@@ -205,6 +217,14 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             return Err(NodeError::Usage(format!("--fis {path}: give a name that ends in .fis")));
         }
     }
+    let format = args.coefficients.as_deref().map(Format::of).transpose()?;
+    if args.bootstrap.is_some() && args.runs.len() < fitted::FEWEST_RUNS {
+        return Err(NodeError::Usage(format!(
+            "--bootstrap draws from the runs, so it needs at least {} of them, but {} given",
+            fitted::FEWEST_RUNS,
+            if args.runs.len() == 1 { "one is".to_owned() } else { format!("{} are", args.runs.len()) }
+        )));
+    }
     let loaded = args.runs.iter().map(|path| args.load.load(path)).collect::<Result<Vec<_>, _>>()?;
     let (runs, hashes): (Vec<Run>, Vec<String>) =
         loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
@@ -224,7 +244,19 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let file = ModelFile { model: found.model, provenance: provenance(args, &found, &hashes, validation) };
     let fis_text =
         args.fis.as_ref().map(|path| fis::text_of(&found.model, &path.to_string_lossy())).transpose()?;
+    let written = format.map(|format| -> Result<String, NodeError> {
+        let draws = match args.bootstrap {
+            Some(draws) => Some(bootstrap(spec, &found, &runs, draws, args, context)?),
+            None => None,
+        };
+        let (coefficients, notes) = fitted::rows(&found, runs.len(), draws)?;
+        Ok(coefficients::table(&coefficients, format, &notes))
+    });
+    let written = written.transpose()?;
     write_text(&args.out, &file.to_toml()?)?;
+    if let (Some(path), Some(text)) = (&args.coefficients, written) {
+        write_text(path, &text)?;
+    }
     if let (Some(path), Some(text)) = (&args.fis, fis_text) {
         write_text(path, &text)?;
     }
@@ -267,6 +299,43 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
 fn fit(spec: ModelSpec, runs: &[Run], args: &Args, context: &CliContext) -> Result<Identified, NodeError> {
     let options = options(args)?;
     watched(context, |watch| identify(spec, runs, &options, watch))
+}
+
+/// Fits `draws` times to resampled runs. The derivative and the fuzzy sets are those of `found`, so that the coefficients mean
+/// the same in each fit.
+fn bootstrap(
+    spec: ModelSpec,
+    found: &Identified,
+    runs: &[Run],
+    draws: u32,
+    args: &Args,
+    context: &CliContext,
+) -> Result<Draws, NodeError> {
+    let given = options(args)?;
+    let placement = found.memberships.as_ref().map_or(given.placement, |memberships| Placement::Given {
+        centres: memberships.sets.centres().to_vec(),
+        sigma: memberships.sets.sigmas().first().copied(),
+    });
+    let options =
+        Options { conditioning: found.model.conditioning, choose_velocity: false, placement, ..given };
+    let working = Working::new(context.quiet);
+    working.stage("bootstrap over runs");
+    let watch = Watch { cancel: Some(context.interrupt.flag()), progress: None };
+    let mut result = Draws::default();
+    for (done, drawn) in resampled_runs(runs.len(), draws as usize, args.seed).into_iter().enumerate() {
+        let drawn: Vec<Run> = drawn.into_iter().map(|run| runs[run].clone()).collect();
+        match identify(spec, &drawn, &options, &watch) {
+            Ok(fitted) => result.fitted.push(coefficients::of_model(&fitted.model)?),
+            Err(mr_damper_model::Error::Cancelled) => return Err(NodeError::Interrupted),
+            // Runs that lack a level cannot place the model there. The note counts such draws.
+            Err(error) => {
+                result.failed += 1;
+                result.first_failure.get_or_insert(error.to_string());
+            }
+        }
+        working.done("fits", done as u64 + 1, u64::from(draws));
+    }
+    Ok(result)
 }
 
 /// Identifies the inverse model that was asked for, and puts it into the model.
@@ -455,11 +524,11 @@ fn inverse_remarks(inverse: &InverseReport) -> Vec<String> {
 /// One line on the model and its identification.
 fn headline(report: &Report<'_>) -> String {
     format!(
-        "{} ({}), {} parameters, {} runs, velocity by {}, {:.1} s",
+        "{} ({}), {}, {}, velocity by {}, {:.1} s",
         report.model,
         report.form,
-        report.parameters,
-        report.runs.len(),
+        shown::count(report.parameters, "parameter"),
+        shown::count(report.runs.len(), "run"),
         report.velocity,
         report.seconds
     )

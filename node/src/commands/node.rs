@@ -54,7 +54,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             model = names.free,
             arx_model = names.seeded.as_deref().unwrap_or("none"),
             reach = participant::reach(&damper.config)?,
-            zenoh = ?damper.config.zenoh.listen,
+            zenoh = or_none(&damper.config.zenoh.listen),
             node = damper.args.full_name(),
             "the node is up"
         );
@@ -94,6 +94,11 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         Some(died) => Err(died.into()),
         None => Ok(ended?),
     }
+}
+
+/// The endpoints as text for the log.
+fn or_none(endpoints: &[String]) -> String {
+    if endpoints.is_empty() { "none".to_owned() } else { endpoints.join(", ") }
 }
 
 /// A thread has died, so the node has ended.

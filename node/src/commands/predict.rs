@@ -57,7 +57,12 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     write_text(&args.out, &text)?;
     if !context.quiet {
         let valid = estimates.iter().filter(|e| e.force.get().is_finite()).count();
-        let line = format!("{valid} forces at {} displacements in {}", estimates.len(), args.out.display());
+        let line = format!(
+            "{} at {} in {}",
+            shown::count(valid, "force"),
+            shown::count(estimates.len(), "displacement"),
+            args.out.display()
+        );
         eprintln!("{}", shown::line(&line));
     }
     Ok(())

@@ -10,6 +10,9 @@ use std::io::Write;
 
 /// List the built-in models, or print one as a model file.
 ///
+/// Each line of the list has the name, the expected error, and what the model is. The error is that of the thesis: on the
+/// training data for ARX and sp, the mean over all experiments for fuzzy-tanh and anfis.
+///
 /// The relations p (thesis/p-passive/..., thesis/p-semi-active/...) explain measured force by itself and cannot run as
 /// models. They are printed as tables of coefficients; `mr-damper evaluate` says how well one holds on runs.
 #[derive(Debug, clap::Args)]
@@ -56,21 +59,45 @@ fn list(out: &mut impl Write) -> Result<std::io::Result<()>, NodeError> {
             (None, None) => String::new(),
         };
         let remark = match model.force {
-            ForceModel::Arx(arx) if !arx.dc_is_meaningful() => "static gain uncertain: one step ahead only",
+            _ if [preset::BEST_ARX, preset::BEST_FUZZY_TANH, preset::BEST_ANFIS].contains(&name.as_str()) => {
+                "; the best of its kind in the thesis"
+            }
+            ForceModel::Arx(arx) if !arx.dc_is_meaningful() => "; static gain uncertain: one step ahead only",
             _ => "",
         };
-        let line = writeln!(out, "{name:<34} {expected:<16} {remark}");
+        let line = writeln!(out, "{name:<34} {expected:<16} {}{remark}", description(&name));
         if line.is_err() {
             return Ok(line);
         }
     }
     for name in preset::phase_names() {
-        let line = writeln!(out, "{name:<34} {:<16} relation p: not a model that runs", "");
+        let line = writeln!(out, "{name:<34} {:<16} {}", "", description(&name));
         if line.is_err() {
             return Ok(line);
         }
     }
     Ok(Ok(()))
+}
+
+/// Describes the preset `name` in a few words.
+fn description(name: &str) -> String {
+    let mut parts = name.split('/').skip(1);
+    let (form, experiment, level) =
+        (parts.next().unwrap_or_default(), parts.next().unwrap_or_default(), parts.next());
+    let what = match (form, level) {
+        ("arx-passive", _) => "ARX without current",
+        ("arx-semi-active", _) => "ARX with current",
+        ("sp-passive", _) => "tanh law without current",
+        ("sp-semi-active", _) => "tanh law, polynomials over the current",
+        ("fuzzy-tanh", None) => "tanh laws, blended over the current",
+        ("fuzzy-tanh", Some(_)) => "one of its tanh laws",
+        ("anfis", _) => "27 fuzzy rules",
+        ("p-passive", _) => "relation p without current, not a model that runs",
+        ("p-semi-active", _) => "relation p, polynomials over the current, not a model that runs",
+        _ => "model",
+    };
+    let level = level.map(|level| format!(", at {} A", level.trim_end_matches('a'))).unwrap_or_default();
+    format!("{what}{level}, identified on {}", experiment.to_uppercase())
 }
 
 /// A relation p as a table of its coefficients in SI units.
@@ -110,4 +137,26 @@ fn relation(name: &str, phase: &Phase) -> Result<String, NodeError> {
         "# {name}: a relation, which cannot run as a model. Parameters p1 to p5 in this order: {}.\n{text}",
         PHASE_NAMES.join(", ")
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_list_says_what_each_preset_is() {
+        let mut text = Vec::new();
+        list(&mut text).expect("presets").expect("memory");
+        let text = String::from_utf8(text).expect("UTF-8");
+        assert_eq!(text.lines().count(), preset::names().len() + preset::phase_names().len());
+        for line in text.lines() {
+            assert!(line.contains(", identified on RP") && line.chars().count() <= 150, "{line}");
+            assert!(!line.contains("model, identified"), "{line}: its form has no description");
+        }
+        let of = |name: &str| text.lines().find(|line| line.starts_with(&format!("{name} "))).expect(name);
+        assert!(of(preset::BEST_FUZZY_TANH).ends_with("RP3-CS; the best of its kind in the thesis"));
+        assert!(of("thesis/fuzzy-tanh/rp1-cs/0.4a").contains("one of its tanh laws, at 0.4 A"));
+        assert!(of("thesis/arx-passive/rp1-cs").contains("static gain uncertain"));
+        assert!(of("thesis/p-passive/rp-icps").contains("not a model that runs"));
+    }
 }

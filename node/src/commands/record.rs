@@ -104,7 +104,11 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         if last_round {
             break Ok(());
         }
-        bar.set_message(format!("{} messages from {} topics", recorded.messages, taps.spoken()));
+        bar.set_message(format!(
+            "{} from {}",
+            shown::count(recorded.messages, "message"),
+            shown::count(taps.spoken(), "topic")
+        ));
         std::thread::sleep(LOOK_EVERY);
     };
     bar.finish_and_clear();
@@ -122,7 +126,12 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     if !context.quiet {
         let (path, files) = (summary.path.display(), summary.files);
-        let text = format!("{path}: {} messages, {files} files, {} bytes", recorded.messages, summary.bytes);
+        let text = format!(
+            "{path}: {}, {}, {}",
+            shown::count(recorded.messages, "message"),
+            shown::count(files, "file"),
+            shown::count(summary.bytes, "byte")
+        );
         eprintln!("{}", shown::line(&text));
     }
     if recorded.of_dampers == 0 {

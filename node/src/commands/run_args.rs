@@ -3,7 +3,7 @@
 use crate::settings::error::NodeError;
 use clap::ValueEnum;
 use mr_damper_model::sample::DriveKind;
-use mr_damper_runs::{LoadOptions, Loaded, Map, Mapping};
+use mr_damper_runs::{ColumnMapping, LoadOptions, Loaded, Map, Mapping, Note, Sign};
 use std::path::{Path, PathBuf};
 
 /// How runs are read.
@@ -47,6 +47,17 @@ pub struct RunArgs {
     /// ambient_temperature, setpoint; for CSV files also time.
     #[arg(long, value_name = "CHANNEL=SOURCE[,sign=-1][,offset=X][,unit=U]", verbatim_doc_comment)]
     pub map: Vec<Mapping>,
+    /// Names of CSV columns that have other headers: NAME is a name of the run format, whose ending is the unit of the column.
+    /// An unknown NAME lists all names. A header with a comma needs --map.
+    ///
+    /// Example: --column time_s=t,displacement_in=x_in,force_lbf=F_lbf
+    #[arg(long, value_name = "NAME=HEADER,...", value_delimiter = ',')]
+    pub column: Vec<ColumnMapping>,
+    /// Change the sign of a channel, for a sensor that counts in the opposite direction: extension and tension are positive.
+    ///
+    /// Example: --sign displacement=-1,force=-1
+    #[arg(long, value_name = "CHANNEL=-1,...", value_delimiter = ',')]
+    pub sign: Vec<Sign>,
     /// TOML file with a table [map] that has one line per channel, e.g. displacement = "/fl/susp/pos,sign=-1"; --map
     /// overrides it.
     #[arg(long, value_name = "FILE.toml")]
@@ -74,6 +85,8 @@ impl RunArgs {
             ("--bag-namespace", self.bag_namespace.is_some()),
             ("--bag-joint", self.bag_joint.is_some()),
             ("--map", !self.map.is_empty()),
+            ("--column", !self.column.is_empty()),
+            ("--sign", !self.sign.is_empty()),
             ("--map-file", self.map_file.is_some()),
         ];
         all.into_iter().find(|(_, given)| *given).map(|(argument, _)| argument)
@@ -84,6 +97,13 @@ impl RunArgs {
     /// # Errors
     /// When a channel is mapped twice, or the file of the map cannot be used.
     pub fn options(&self) -> Result<LoadOptions, NodeError> {
+        let map = self.map()?;
+        if let Some(twice) = self.sign.iter().find(|sign| sign.is_given_by(&map)) {
+            let channel = twice.channel();
+            return Err(NodeError::Usage(format!(
+                "--sign and the map both give {channel} a sign: leave one of them out"
+            )));
+        }
         Ok(LoadOptions {
             skip_bad_rows: self.skip_bad_rows,
             thesis_txt: self.thesis_txt,
@@ -93,14 +113,16 @@ impl RunArgs {
             }),
             namespace: self.bag_namespace.clone(),
             joint: self.bag_joint.clone(),
-            map: self.map()?,
+            map,
+            signs: self.sign.clone(),
         })
     }
 
     /// The sources of the channels. Flags override the file.
     fn map(&self) -> Result<Map, NodeError> {
-        let flags =
-            Map::new(self.map.clone()).map_err(|error| NodeError::Usage(format!("--map: {error}")))?;
+        let columns = self.column.iter().map(|column| column.0.clone());
+        let flags = Map::new(self.map.iter().cloned().chain(columns).collect())
+            .map_err(|error| NodeError::Usage(format!("--map and --column: {error}")))?;
         let Some(path) = &self.map_file else { return Ok(flags) };
         let in_file = |message: String| NodeError::File { path: path.clone(), message };
         let text = std::fs::read_to_string(path).map_err(|error| in_file(error.to_string()))?;
@@ -113,9 +135,18 @@ impl RunArgs {
     /// When the run does not load.
     pub fn load(&self, path: &Path) -> Result<Loaded, NodeError> {
         let loaded = mr_damper_runs::load(path, &self.options()?)?;
-        for note in &loaded.notes {
-            tracing::warn!(run = %path.display(), "{note}");
-        }
+        log_notes(path, &loaded.notes);
         Ok(loaded)
+    }
+}
+
+/// Logs the notes on the run at `path`: as warnings, but what is expected at the level debug.
+pub fn log_notes(path: &Path, notes: &[Note]) {
+    for note in notes {
+        if note.is_warning() {
+            tracing::warn!(run = %path.display(), "{note}");
+        } else {
+            tracing::debug!(run = %path.display(), "{note}");
+        }
     }
 }

@@ -170,7 +170,11 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     if !context.quiet {
         let damper_s: f64 = jobs.iter().map(|job| job.entry.duration_s).sum();
         let (runs, seconds) = (jobs.len(), start.elapsed().as_secs_f64());
-        let text = format!("{runs} runs ({damper_s:.0} s at 512 Hz) in {}, {seconds:.1} s", dir.display());
+        let text = format!(
+            "{} ({damper_s:.0} s at 512 Hz) in {}, {seconds:.1} s",
+            shown::count(runs, "run"),
+            dir.display()
+        );
         eprintln!("{}", shown::line(&text));
     }
     Ok(())

@@ -343,7 +343,8 @@ impl Control {
             }
         }
         // Nothing below can fail, so either everything was set or nothing.
-        tracing::info!(parameters = ?requested, "set");
+        let set: Vec<String> = requested.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        tracing::info!("set: {}", set.join(", "));
         state.config = config;
         if another_time {
             self.clock.simulate(state.config.use_sim_time);
@@ -369,7 +370,7 @@ fn may_change(parameter: &Parameter, lifecycle: LifecycleState) -> Result<(), Re
 /// stack for each move.
 fn setup(config: &Config, models: &Models) -> Result<(Settings, Box<PipelineSetup>), NodeError> {
     let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-    Ok((settings, Box::new(PipelineSetup::new(*models, settings)?)))
+    Ok((settings, Box::new(PipelineSetup::new(*models, settings).map_err(NodeError::Settings)?)))
 }
 
 /// Waits until the estimating thread has executed the command at `place`, which does `work`.

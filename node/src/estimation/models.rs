@@ -108,7 +108,7 @@ pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
         name => Some(name),
     };
     let models = match seeded_name {
-        Some(name) => alone.with_seeded(load(name)?)?,
+        Some(name) => alone.with_seeded(load(name)?).map_err(NodeError::Settings)?,
         None => Models { seeded: None, ..alone },
     };
     let names = ModelNames {

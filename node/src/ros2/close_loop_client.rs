@@ -169,7 +169,7 @@ impl CloseLoopClient<'_> {
                 Ok(None) => std::thread::sleep(LOOK_EVERY),
                 Ok(Some(answer)) if answer.goals_canceling.is_empty() => return,
                 Ok(Some(_)) => return tracing::info!("the goal is cancelled"),
-                Err(error) => return tracing::warn!(?error, "cannot read the answer to the cancellation"),
+                Err(error) => return tracing::warn!(%error, "cannot read the answer to the cancellation"),
             }
         }
         tracing::warn!("the node did not confirm the cancellation; it may still execute the goal");
@@ -199,7 +199,7 @@ impl CloseLoopClient<'_> {
         }
     }
 
-    fn failed(&self, what: &str, error: &dyn std::fmt::Debug) -> NodeError {
-        NodeError::Ros { what: format!("{}: {what}", self.action), why: format!("{error:?}") }
+    fn failed(&self, what: &str, error: &dyn std::fmt::Display) -> NodeError {
+        NodeError::Ros { what: format!("{}: {what}", self.action), why: error.to_string() }
     }
 }

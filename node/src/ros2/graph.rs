@@ -82,9 +82,9 @@ impl Graph {
         participant: &DomainParticipant,
         first: Option<FirstRequests>,
     ) -> Result<Self, NodeError> {
-        let failed = |error: &dyn std::fmt::Debug| NodeError::Ros {
+        let failed = |error: &dyn std::fmt::Display| NodeError::Ros {
             what: format!("reading {TOPIC}"),
-            why: format!("{error:?}"),
+            why: error.to_string(),
         };
         // Created here, not on the thread: with DDS-Security, only one thread may create entities at a time.
         let qos = qos();
@@ -186,7 +186,7 @@ async fn follow(
                             let of = prefix_of(&change.writer_guid().to_bytes());
                             lock(known).name(of, change.into_value());
                         }
-                        Err(error) => tracing::debug!("cannot read {TOPIC}: {error:?}"),
+                        Err(error) => tracing::debug!("cannot read {TOPIC}: {error}"),
                     }
                     None
                 }

@@ -450,7 +450,7 @@ fn action_qos() -> [QosProfile; 3] {
     [service_qos(), service_qos(), status]
 }
 
-fn failed(what: impl Into<String>, error: &dyn std::fmt::Debug, advice: &str) -> NodeError {
+fn failed(what: impl Into<String>, error: &dyn std::fmt::Display, advice: &str) -> NodeError {
     let separator = if advice.is_empty() { "" } else { "; " };
-    NodeError::Ros { what: what.into(), why: format!("{error:?}{separator}{advice}") }
+    NodeError::Ros { what: what.into(), why: format!("{error}{separator}{advice}") }
 }

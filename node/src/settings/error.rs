@@ -7,6 +7,7 @@ pub use part::PartError;
 pub use request::RequestError;
 
 use mr_damper_base::disk::advice;
+use mr_damper_views::ServeError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -25,12 +26,25 @@ pub enum NodeError {
         expected: String,
     },
     /// The parameter does not exist.
-    #[error("unknown parameter {name}; did you mean {nearest}?")]
+    #[error("unknown parameter {name}; {}", nearest.as_ref().map_or_else(
+        || "`mr-damper node --help` lists all parameters".to_owned(),
+        |nearest| format!("did you mean {nearest}?")
+    ))]
     UnknownParameter {
         /// The given name.
         name: String,
-        /// The closest known name.
-        nearest: String,
+        /// The known name that it resembles; `None` if it resembles none.
+        nearest: Option<String>,
+    },
+    /// A parameter from a file is refused.
+    #[error("{}: {}{why}", path.display(), section.as_ref().map(|section| format!("{section}: ")).unwrap_or_default())]
+    InFile {
+        /// The file.
+        path: PathBuf,
+        /// The section, if the format has sections.
+        section: Option<String>,
+        /// The error of this parameter.
+        why: Box<NodeError>,
     },
     /// A file cannot be read, or its content is wrong.
     #[error("{}: {message}", path.display())]
@@ -57,6 +71,9 @@ pub enum NodeError {
     /// A model does not load or does not fit.
     #[error(transparent)]
     Model(mr_damper_model::Error),
+    /// The parameters do not fit together, or do not fit the models.
+    #[error(transparent)]
+    Settings(mr_damper_model::Error),
     /// A run does not load or cannot be written.
     #[error(transparent)]
     Run(#[from] mr_damper_runs::RunError),
@@ -65,7 +82,7 @@ pub enum NodeError {
     Answer(#[from] mr_damper_reports::diagnosis_summary::UnreadableAnswer),
     /// The web server of the live page does not start, or has ended.
     #[error(transparent)]
-    Serve(#[from] mr_damper_views::ServeError),
+    Serve(#[from] ServeError),
     /// DDS returned an error.
     #[error("ROS 2: {what}: {why}")]
     Ros {
@@ -113,13 +130,31 @@ impl From<mr_damper_model::Error> for NodeError {
 }
 
 impl NodeError {
+    /// True if the arguments or parameters are wrong, wherever they come from: flags, ROS arguments, files, or a combination
+    /// of parameters that does not fit. The command line ends with exit code 2 then.
+    #[must_use]
+    pub fn is_wrong_usage(&self) -> bool {
+        match self {
+            Self::Parameter { .. } | Self::UnknownParameter { .. } | Self::RosArgs(_) | Self::Usage(_) => {
+                true
+            }
+            Self::InFile { why, .. } | Self::Damper { why, .. } => why.is_wrong_usage(),
+            Self::Settings(_) => true,
+            Self::Zenoh(error) => error.is_wrong_parameter(),
+            Self::Serve(
+                ServeError::PageBeyondLoopback { .. } | ServeError::WorkshopBeyondLoopback { .. },
+            ) => true,
+            _ => false,
+        }
+    }
+
     /// The stable code and the fields of the error of the model crate that this error reports, for JSON; `None` if it reports none.
     #[must_use]
     pub fn reason(&self) -> Option<serde_json::Value> {
         match self {
-            Self::Model(error) => serde_json::to_value(error).ok(),
+            Self::Model(error) | Self::Settings(error) => serde_json::to_value(error).ok(),
             Self::Part(error) => error.reason(),
-            Self::Damper { why, .. } => why.reason(),
+            Self::Damper { why, .. } | Self::InFile { why, .. } => why.reason(),
             _ => None,
         }
     }
@@ -129,7 +164,7 @@ impl NodeError {
     pub fn part<E: PartError>(&self) -> Option<&E> {
         match self {
             Self::Part(error) => (error.as_ref() as &dyn std::error::Error).downcast_ref(),
-            Self::Damper { why, .. } => why.part(),
+            Self::Damper { why, .. } | Self::InFile { why, .. } => why.part(),
             _ => None,
         }
     }

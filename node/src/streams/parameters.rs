@@ -191,7 +191,11 @@ fn descriptor(parameter: &Parameter) -> ParameterDescriptor {
     ParameterDescriptor {
         name: parameter.name.to_owned(),
         r#type: type_of(parameter.kind),
-        description: parameter.doc.to_owned(),
+        description: format!(
+            "{} [default: {}]",
+            parameter.doc,
+            parameter.default_text().as_deref().unwrap_or("empty")
+        ),
         additional_constraints: constraints.join("; "),
         read_only: parameter.mutability == Mutability::Never,
         dynamic_typing: false,

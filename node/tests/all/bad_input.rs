@@ -149,7 +149,7 @@ fn a_zenoh_port_in_use_is_named() {
             "--zenoh-listen",
             "tcp/0.0.0.0:0",
         ],
-        1,
+        2,
         &["tcp/0.0.0.0:0"],
     );
 }

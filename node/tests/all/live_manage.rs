@@ -168,7 +168,7 @@ fn parameters_are_described_and_set_atomically() {
     let request = DescribeParametersRequest { names: names.clone() };
     let described = peer.call::<DescribeParameters>(NODE, "describe_parameters", request).descriptors;
     assert_eq!(described[0].floating_point_range[0].to_value, 3600.0);
-    assert!(described[0].description.ends_with(", s") && !described[0].read_only);
+    assert!(described[0].description.ends_with(", s [default: 0.2]") && !described[0].read_only);
     assert!(described[1].read_only && described[1].integer_range[0].to_value == 232);
 
     let coast_s = |peer: &mut Caller| {

@@ -19,12 +19,14 @@ mod zenoh_support;
 // Commands on files.
 mod bad_input;
 mod close;
+mod command_line;
 mod compare;
 mod conventions;
 mod doctor;
 mod fis;
 mod identify;
 mod inverse;
+mod offline;
 mod reproduce;
 mod security;
 mod simulate;

@@ -70,10 +70,10 @@ fn systemd_accepts_the_unit() {
     interop("systemd unit", |lab| {
         let unit = script("../../launch-configs/systemd/mr-damper@.service");
         let text = std::fs::read_to_string(unit).expect("the unit is there");
-        // The unit names a path that may not exist on this machine, so the path is replaced.
+        // The program may not be installed on this machine, so its path replaces its name.
         let here = lab.folder().join("mr-damper@front_left.service");
-        let with_program =
-            text.replace("/usr/local/bin/mr-damper", utf8(&binary().canonicalize().expect("a path")));
+        let binary = binary().canonicalize().expect("a path");
+        let with_program = text.replace("ExecStart=mr-damper", &format!("ExecStart={}", utf8(&binary)));
         std::fs::write(&here, with_program).expect("room in the temporary directory");
         let analyze = |arguments: &[&str]| {
             let command = Command::new("systemd-analyze").args(arguments).arg(&here).output().ok()?;

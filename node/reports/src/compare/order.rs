@@ -225,6 +225,7 @@ mod tests {
         let row = Row {
             trained_on: on.to_owned(),
             mean_rsse_n: Some(100.0),
+            rsse_interval_n: None,
             mean_esr: Some(esr),
             tests: 3,
             without: 0,

@@ -25,12 +25,18 @@ fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or(NONE.to_owned(), |value| format!("{value:.decimals$}"))
 }
 
-fn rsse(rsse_n: Option<f64>) -> String {
-    rsse_n.map_or(NONE.to_owned(), |n| format!("{n:.1} ({:.2})", n / N_PER_LBF))
+/// An RMSE in newtons; in pounds-force too if there are published figures, which are in pounds-force.
+fn rsse(rsse_n: Option<f64>, published: bool) -> String {
+    match rsse_n {
+        None => NONE.to_owned(),
+        Some(n) if published => format!("{n:.1} ({:.2})", n / N_PER_LBF),
+        Some(n) => format!("{n:.1}"),
+    }
 }
 
 /// The models, ordered by their best training experiment.
 pub(super) fn best(outcome: &CompareOutcome<'_>) -> Markup {
+    let published = outcome.published.is_some();
     let row = |(place, summary): (usize, &Summary)| {
         let (class, best) = (&summary.class, summary.best());
         vec![
@@ -40,7 +46,9 @@ pub(super) fn best(outcome: &CompareOutcome<'_>) -> Markup {
             if summary.rows.is_empty() { NONE.to_owned() } else { summary.parameters.to_string() },
             best.map_or(NONE.to_owned(), |row| row.trained_on.clone()),
             number(best.and_then(|row| row.mean_esr), 4),
-            rsse(best.and_then(|row| row.mean_rsse_n)),
+            rsse(best.and_then(|row| row.mean_rsse_n), published),
+            best.and_then(|row| row.rsse_interval_n)
+                .map_or(NONE.to_owned(), |[low, high]| format!("{:.1} to {high:.1}", low.max(0.0))),
             number(summary.median_esr(), 4),
             (summary.without + summary.failures.len()).to_string(),
             number(outcome.ns_per_step(&class.model, &class.form), 0),
@@ -53,7 +61,8 @@ pub(super) fn best(outcome: &CompareOutcome<'_>) -> Markup {
         "#para\u{ad}meters",
         "=best on",
         "#mean NMSE",
-        "#mean RMSE, N (lbf)",
+        if published { "#mean RMSE, N (lbf)" } else { "#mean RMSE, N" },
+        "#its 95 %",
         "#median NMSE",
         "#without figure",
         "#ns per step",
@@ -71,7 +80,8 @@ pub(super) fn best(outcome: &CompareOutcome<'_>) -> Markup {
         p { em { "Best on" } " is the training experiment with the lowest mean NMSE; both means are of this experiment, and the median "
             "is over all training experiments. Means are over all tests: every replicate of every experiment except the "
             "training run. A model has no mean "
-            "when a test has no figure because the simulation diverged. "
+            "when a test has no figure because the simulation diverged. The 95 % interval is from the scatter of the means by tested \
+             experiment or fold (Student's t). "
             em { "Without figure" } " counts such tests, and training runs that gave no model. The model keeps the force offset of its "
             "training run. RMSE is the root mean squared error (RSSE in the thesis); NMSE is its square over the variance of the \
              measured force (ESR in the thesis)." }
@@ -83,7 +93,7 @@ fn persistence(outcome: &CompareOutcome<'_>) -> Markup {
     html! {
         @if let Some((esr, rsse_n)) = outcome.persistence_means() {
             p { "Persistence (the measured force of the previous sample), mean over all runs: NMSE "
-                strong { (format!("{esr:.4}")) } ", RMSE " (rsse(Some(rsse_n)))
+                strong { (format!("{esr:.4}")) } ", RMSE " (rsse(Some(rsse_n), outcome.published.is_some())) " N"
                 ". A one-step-ahead model with a larger error is worse than persistence." }
         }
     }
@@ -122,7 +132,12 @@ fn experiments<'a>(outcome: &CompareOutcome<'a>) -> Vec<&'a str> {
             names.push(&cell.trained_on);
         }
     }
-    names
+    // Over folds a summary has one row for all of them.
+    let rows = outcome.summaries.iter().flat_map(|summary| &summary.rows);
+    match rows.map(|row| row.trained_on.as_str()).find(|name| !names.contains(name)) {
+        Some(all_folds) => vec![all_folds],
+        None => names,
+    }
 }
 
 /// Means over all tests by model and training experiment, like tables 5.1 and 5.2 of the thesis.
@@ -152,12 +167,18 @@ pub(super) fn cross_validation(outcome: &CompareOutcome<'_>) -> Markup {
         }
         rows
     };
+    let published = outcome.published.is_some();
+    let in_newton: fn(Option<Figures>) -> String = if published {
+        |figures| rsse(figures.map(|f| f.rsse_n), true)
+    } else {
+        |figures| rsse(figures.map(|f| f.rsse_n), false)
+    };
     html! {
         p { "Mean over all tests by training experiment (columns)." }
         @for (predictor, heading) in PREDICTORS {
-            @let in_newton = rows(predictor, |f| rsse(f.map(|f| f.rsse_n)));
+            @let in_newton = rows(predictor, in_newton);
             @if !in_newton.is_empty() {
-                h3 { (heading) ": RMSE, N (lbf)" }
+                h3 { (heading) (if published { ": RMSE, N (lbf)" } else { ": RMSE, N" }) }
                 (table(&columns, &in_newton))
                 h3 { (heading) ": NMSE" }
                 (table(&columns, &rows(predictor, |f| number(f.map(|f| f.esr), 4))))
@@ -193,7 +214,7 @@ fn one_model(outcome: &CompareOutcome<'_>, class: &Class, cells: &[&Finished]) -
     let one_step = class.predictor == Predictor::OneStep;
     let thesis = |cell: &Finished| outcome.published?.row(class, &cell.trained_on)?.identification;
     let published = cells.iter().any(|cell| thesis(cell).is_some());
-    let mut columns = vec!["=experiment", "#RMSE, N", "#RMSE, lbf", "#NMSE"];
+    let mut columns = vec!["=experiment", "#RMSE, N", "#NMSE"];
     if one_step {
         columns.push("#NMSE of persistence");
     }
@@ -208,7 +229,6 @@ fn one_model(outcome: &CompareOutcome<'_>, class: &Class, cells: &[&Finished]) -
         let mut row = vec![
             cell.trained_on.clone(),
             number(rsse_n, 1),
-            number(rsse_n.map(|n| n / N_PER_LBF), 2),
             if let (None, Some(why)) = (esr, why) { why } else { number(esr, 4) },
         ];
         if one_step {

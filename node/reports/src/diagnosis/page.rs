@@ -11,7 +11,6 @@ use mr_damper_model::diagnose::{
 };
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::DriveKind;
-use mr_damper_model::units::N_PER_LBF;
 
 /// Everything the report shows.
 #[derive(Debug, Clone)]
@@ -145,7 +144,6 @@ fn errors(result: &DiagnosisResult) -> Markup {
         let mut row = vec![words::file_name(name), role.to_owned(), left, interval];
         for fit in [before, after] {
             row.push(format!("{:.2}", fit.rsse_n));
-            row.push(format!("{:.2}", fit.rsse_n / N_PER_LBF));
             row.push(words::figure(fit.esr));
         }
         row
@@ -157,18 +155,8 @@ fn errors(result: &DiagnosisResult) -> Markup {
         rows.extend(test.runs.iter().map(|c| row(&c.run, "sealed", &c.before, &c.after, String::new())));
     }
     rows.extend(result.confirm.iter().map(|c| row(&c.run, "confirm", &c.before, &c.after, String::new())));
-    let columns = [
-        "run",
-        "",
-        "#squared error left",
-        "#95 %",
-        "#before: RMSE, N",
-        "#lbf",
-        "#NMSE",
-        "#after: RMSE, N",
-        "#lbf",
-        "#NMSE",
-    ];
+    let columns =
+        ["run", "", "#squared error left", "#95 %", "#before: RMSE, N", "#NMSE", "#after: RMSE, N", "#NMSE"];
     html! {
         (table(&columns, &rows))
         p { "Roles: \"sealed\" is a test run (--test, read once), \"confirm\" a validation run. The models are simulated from displacement and "

@@ -579,7 +579,7 @@ fn in_paired_mode_the_text_says_how_runs_were_aligned_and_what_moved_the_mean_fo
     for part in [
         "worn.csv on new.csv by crank angle (period 0.950 s); the zeros of displacement are 1.90 mm apart, 0.4 % of",
         "worn.csv on new.csv by time (-0.0117 s);",
-        "Since the reference runs the mean force has changed by -39.10 N (-8.79 lbf) (95 %: -39.8 to -38.4 N)",
+        "Since the reference runs the mean force has changed by -39.10 N (95 %: -39.8 to -38.4 N)",
         "the pressure of the gas or the zero of the load cell changed; these runs cannot tell which",
     ] {
         assert!(shown.contains(part), "{part}: {shown}");

@@ -7,7 +7,6 @@ use mr_damper_model::diagnose::{
 use mr_damper_model::effect::term::{ID, Term};
 use mr_damper_model::effect::{Effect, EffectModel, Parameter};
 use mr_damper_model::sample::DriveKind;
-use mr_damper_model::units::N_PER_LBF;
 
 /// Text of a stage, for progress messages.
 #[must_use]
@@ -79,10 +78,10 @@ pub fn chance(p: f64) -> String {
     format!("p {}{}", if p < LEAST_P { "" } else { "= " }, p_value(p))
 }
 
-/// A force in newtons and in pounds-force.
+/// A force in newtons.
 #[must_use]
 pub fn force(newtons: f64) -> String {
-    format!("{newtons:.2} N ({:.2} lbf)", newtons / N_PER_LBF)
+    format!("{newtons:.2} N")
 }
 
 /// Heading of the list of structures.

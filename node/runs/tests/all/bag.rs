@@ -49,7 +49,10 @@ fn parts_of_a_run_add_up_to_the_run() {
     std::fs::write(path("in.csv"), canonical(500)).expect("written");
     // Rows are 1.234567 ms apart: row 200 comes at 0.2469134 s.
     let part = |name: &str, start_s, duration_s| {
-        let options = SaveOptions { part: RunSection { start_s, duration_s }, ..SaveOptions::default() };
+        let options = SaveOptions {
+            part: RunSection { start_s, duration_s, ..RunSection::default() },
+            ..SaveOptions::default()
+        };
         convert(&path("in.csv"), &path(name), &plain(), &options)
             .map(|_| std::fs::read_to_string(path(name)).expect("read"))
     };
@@ -113,8 +116,8 @@ fn with_several_dampers_one_must_be_chosen() {
         assert_eq!(loaded.run.displacement_m.values, [2.0]);
         assert_eq!(
             loaded.notes[0].to_string(),
-            "not part of the run: /front_left/displacement (mr_damper_msgs/msg/Displacement, 1 messages), \
-             /rosout (std_msgs/msg/Float64, 1 messages)"
+            "not part of the run: /front_left/displacement (mr_damper_msgs/msg/Displacement, 1 message), \
+             /rosout (std_msgs/msg/Float64, 1 message)"
         );
     }
     assert_eq!(
@@ -223,7 +226,7 @@ fn missing_displacement_is_explained() {
     assert_eq!(
         make("other", &|writer| writer.write_message("/x", &Float64 { data: 0.0 }, 1, 1)),
         "other: no sample of displacement; no topic is called displacement. Say which one holds it, for example \
-         --map displacement=/x; topics (* can hold displacement):\n  * /x  std_msgs/msg/Float64, 1 messages"
+         --map displacement=/x; topics (* can hold displacement):\n  * /x  std_msgs/msg/Float64, 1 message"
     );
     assert_eq!(
         make("force", &|writer| {
@@ -359,4 +362,24 @@ fn the_summary_counts_messages_and_bytes() {
     assert_eq!(summary.topics, [("/b".to_owned(), 2), ("/a".to_owned(), 1)]);
     assert_eq!(summary.bytes, std::fs::metadata(mcap_of(&summary.path)).expect("size").len());
     assert_eq!(Float64::TYPE, "std_msgs/msg/Float64");
+}
+
+#[test]
+fn outputs_of_the_node_are_no_warning() {
+    use mr_damper_msgs::ForceEstimate;
+    let dir = temporary();
+    let path = dir.path().join("recorded");
+    bag(&path, BagOptions::default(), |writer| {
+        writer.write_message("/displacement", &displacement(5, 1.0), 5, 5)?;
+        writer.write_message("/force_estimate", &ForceEstimate::default(), 6, 6)?;
+        writer.write_message("/temperature_of_the_lab", &Float64 { data: 20.0 }, 7, 7)
+    });
+    let notes = read(&path).notes;
+    let warnings: Vec<String> =
+        notes.iter().filter(|note| note.is_warning()).map(ToString::to_string).collect();
+    assert!(warnings.iter().all(|note| !note.contains("force_estimate")), "{warnings:?}");
+    assert!(warnings.iter().any(|note| note.contains("/temperature_of_the_lab")), "{warnings:?}");
+    let others: Vec<String> =
+        notes.iter().filter(|note| !note.is_warning()).map(ToString::to_string).collect();
+    assert_eq!(others, ["outputs of the node do not belong to the run: /force_estimate"]);
 }

@@ -159,6 +159,11 @@ fn headers_that_cannot_be_used_are_explained() {
              as in --map displacement=displacement",
         ),
         (
+            "t,x_in,F\n0,0,0\n",
+            "line 1: no column `time_s` and no displacement (displacement_m, displacement_mm, displacement_in) among: \
+             t, x_in, F; the unit belongs to the name, as in displacement_mm, or say which column it is, as in --map time=t",
+        ),
+        (
             "time_s;displacement_m\n0;0\n",
             "line 1: no column `time_s` among: time_s;displacement_m; the fields seem to be split by `;` or \
              tabs: split them by commas",
@@ -180,7 +185,14 @@ fn headers_that_cannot_be_used_are_explained() {
         ("time_s,,displacement_m\n", "line 1: column 2 has no name: name it or remove it"),
         ("time_s,displacement_m,\u{b}\u{a0}\n", "line 1: column 3 has no name: name it or remove it"),
     ] {
-        assert_eq!(refusal(text, &LoadOptions::default()), format!("run.csv, {refusal_text}"));
+        let message = refusal(text, &LoadOptions::default());
+        // A header without time or displacement is answered with all names, so that one attempt more is enough.
+        let (said, names) = message.split_once(", or name the columns with").unwrap_or((&message, ""));
+        assert_eq!(said, format!("run.csv, {refusal_text}"));
+        assert_eq!(names.ends_with("all names are time_s, displacement_m, displacement_mm, displacement_in, velocity_m_s, \
+            velocity_mm_s, velocity_in_s, force_n, force_lbf, force_kn, current_a, current_ma, command_v, case_temp_c, \
+            case_temp_f, body_velocity_m_s, force_request_n, ambient_temp_c, ambient_temp_f, setpoint_m, setpoint_mm, \
+            setpoint_in"), refusal_text.contains("the unit belongs to the name"), "{message}");
     }
     for (text, hint) in
         [("", "the file is empty"), ("time_s,displacement_m\n", "there is no row of data below the header")]
@@ -244,7 +256,7 @@ fn holes_and_look_alikes_are_noted() {
     assert_eq!(
         notes,
         [
-            "column `force`: 1 empty cells taken as no sample",
+            "column `force`: 1 empty cell taken as no sample",
             "column `force` is carried through but not used: known names are force_n, force_lbf, force_kn; \
              or say its unit, as in --map measured_force=force,unit=UNIT",
             "column `case_temp_c`: 2 empty cells taken as no sample",

@@ -244,7 +244,7 @@ fn messages_compressed_one_by_one_are_read_with_and_without_metadata() {
             assert_eq!(loaded.run.displacement_m.len(), 49);
             let told = loaded.notes.iter().map(ToString::to_string).collect::<String>();
             assert!(
-                told.contains("topic /displacement: 1 messages could not be decoded; the first: zstd: "),
+                told.contains("topic /displacement: 1 message could not be decoded; the first: zstd: "),
                 "{told}"
             );
         }

@@ -45,6 +45,17 @@ pub(super) enum CompareError {
         /// Names of all experiments in the folder.
         known: Vec<String>,
     },
+    /// Levels were to be held out, but the runs do not hold one level each.
+    #[error(
+        "--folds levels: {}; at least {fewest} levels are needed, and each run must hold one of them: leave --folds out",
+        found.map_or_else(|| "the drive of a run varies, or there is none".to_owned(), |found| format!("the runs hold {found} levels"))
+    )]
+    NoLevels {
+        /// Number of levels; `None` if the runs do not hold one level each.
+        found: Option<usize>,
+        /// Fewest levels.
+        fewest: usize,
+    },
     /// A finished cell cannot be serialised.
     #[error("a finished cell cannot be written as JSON: {0}")]
     Cell(#[source] serde_json::Error),

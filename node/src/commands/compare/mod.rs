@@ -13,7 +13,9 @@ use crate::commands::conditioning::{ConditioningArgs, FilterArg, VelocityArg};
 use crate::commands::context::CliContext;
 use crate::commands::output::OutputArgs;
 use crate::commands::run_args::RunArgs;
+use crate::commands::units::UnitsArgs;
 use crate::settings::error::NodeError;
+use clap::ValueEnum;
 use clap::builder::PossibleValuesParser;
 use error::{CompareError, OnlyForm};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -21,6 +23,7 @@ use mr_damper_base::shown;
 use mr_damper_model::compare::{self, Cell, Experiment, Summary};
 use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch};
 use mr_damper_model::model_file::{ModelFile, Provenance};
+use mr_damper_model::sample::DriveKind;
 use mr_damper_reports::compare::published::Published;
 use pictures::Picture;
 use runs::{PlannedExperiment, Source};
@@ -35,7 +38,8 @@ use work::in_parallel;
 ///
 /// RUNS_DIR holds run files. Files whose names differ only in a trailing -NN (rp-icps-01.csv, rp-icps-02.csv) are
 /// replicates of one experiment, and so are the runs of a sub-folder. Each model is identified on the first replicate of
-/// each experiment and tested on every other run. Finished work is kept in a file: after Ctrl-C the same command continues
+/// each experiment and tested on every other run. If each run holds one level of the drive, the levels are held out in turn
+/// instead (--folds). Finished work is kept in a file: after Ctrl-C the same command continues
 /// where it stopped.
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -64,6 +68,11 @@ pub struct Args {
     /// Experiments to take, by name in any case; by default all.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub experiments: Vec<String>,
+    /// How runs are divided into training and test. levels: hold out each level of the drive in turn, and identify on the runs of
+    /// all other levels; experiments: identify on each experiment alone; auto: levels, if each run holds one of at least three
+    /// levels.
+    #[arg(long, value_enum, default_value_t, conflicts_with = "train")]
+    pub folds: FoldsArg,
     /// Models in the pictures of the report, at most three, such as fuzzy-tanh,arx:one-step; by default the best three in
     /// simulation. Each is drawn as identified on its best experiment: in simulation, or one step ahead with
     /// `:one-step`; p is drawn from the measured force of the same instant.
@@ -92,10 +101,28 @@ pub struct Args {
     /// compare.partial.jsonl next to the JSON or the report, which is deleted when all is done.
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
+    /// Unit of forces.
+    #[command(flatten)]
+    pub units: UnitsArgs,
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
 }
+
+/// How runs are divided into training and test.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum FoldsArg {
+    /// By levels, if each run holds one level.
+    #[default]
+    Auto,
+    /// Each level is held out in turn.
+    Levels,
+    /// Each experiment is a training set.
+    Experiments,
+}
+
+/// Fewest levels that are held out in turn: with two, a fold has one level, which does not show how the force depends on the drive.
+const FEWEST_LEVELS: usize = 3;
 
 /// Names of all models.
 fn names() -> Vec<&'static str> {
@@ -114,6 +141,8 @@ pub(super) struct ComparisonPlan {
     pub(super) options: Options,
     /// Number of cells that are computed at the same time.
     pub(super) threads: usize,
+    /// Description of the folds, in sentences; `None` without folds.
+    pub(super) design: Option<String>,
 }
 
 /// Compares the models and writes the results.
@@ -137,8 +166,13 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         lines => lines?,
     };
     let cells: Vec<_> = lines.iter().map(|line| line.cell.clone()).collect();
+    let summaries = match &work.design {
+        Some(_) => Summary::of(&compare::over_folds(&cells, &work.experiments)),
+        None => Summary::of(&cells),
+    };
     let done = output::ComparisonResult {
-        summaries: Summary::of(&cells),
+        summaries,
+        design: work.design.clone(),
         persistence: compare::persistence(&work.experiments),
         published: published(&work.experiments),
         seconds: started.elapsed().as_secs_f64(),
@@ -200,7 +234,55 @@ fn prepare(args: &Args, context: &CliContext) -> Result<ComparisonPlan, NodeErro
             "there is only one run: models are identified, but they cannot be tested on another run"
         );
     }
-    Ok(ComparisonPlan { specs, experiments, sources, options, threads })
+    let (experiments, design) = divided(experiments, args)?;
+    if let Some(design) = &design {
+        tracing::info!("{design}");
+    }
+    Ok(ComparisonPlan { specs, experiments, sources, options, threads, design })
+}
+
+/// The experiments, with folds if the runs hold one level each or if folds are asked for; and what the folds are.
+fn divided(
+    experiments: Vec<Experiment>,
+    args: &Args,
+) -> Result<(Vec<Experiment>, Option<String>), CompareError> {
+    if args.folds == FoldsArg::Experiments || args.runs.is_none() {
+        return Ok((experiments, None));
+    }
+    let levels = compare::levels(&experiments);
+    let levels = match levels {
+        Some(levels) if levels.len() >= FEWEST_LEVELS => levels,
+        found if args.folds == FoldsArg::Levels => {
+            return Err(CompareError::NoLevels {
+                found: found.map(|levels| levels.len()),
+                fewest: FEWEST_LEVELS,
+            });
+        }
+        Some(levels) => {
+            tracing::warn!(
+                "each run holds one of {} of the drive: a model that is identified on one run cannot know how the force depends on \
+                 the drive, so the ranking of models with a drive means little; record runs whose drive varies, or runs at {} or more \
+                 levels",
+                shown::count(levels.len(), "level"),
+                FEWEST_LEVELS
+            );
+            return Ok((experiments, None));
+        }
+        None => return Ok((experiments, None)),
+    };
+    let kind = experiments.iter().flat_map(|e| &e.replicates).find_map(|replicate| replicate.data.drive);
+    let unit = kind.map_or("A", |kind| match kind {
+        DriveKind::CoilCurrent => "A",
+        DriveKind::CommandVoltage => "V",
+    });
+    let drives: Vec<String> = levels.iter().map(|level| format!("{:.2}", level.drive)).collect();
+    let design = format!(
+        "Each run holds one level of the drive ({} {unit}). So each level is held out in turn: the models are identified on the runs of \
+         all other levels and tested on the runs of this one. At the lowest and the highest level they extrapolate. \
+         (--folds experiments identifies on each experiment alone.)",
+        drives.join(", ")
+    );
+    Ok((compare::with_folds(experiments, &levels, unit), Some(design)))
 }
 
 /// The requested models in all requested forms.
@@ -280,6 +362,7 @@ pub(super) fn compute_cells(
     let left = TimeLeft::new(cells, &keys, state, work.threads);
     bar.set_position(known as u64);
     bar.set_prefix("?");
+    let lines_of_progress = ProgressLines::new(&bar, context, cells.len());
     let one = |index: usize| -> Result<FinishedCell, NodeError> {
         let (cell, key) = (cells[index], &keys[index]);
         if let Some(line) = state.get(key) {
@@ -291,13 +374,45 @@ pub(super) fn compute_cells(
         bar.set_message(format!("{} ({})", cell.spec.label(), cell.spec.form().name()));
         let line = compute_cell(work, cell, key, context)?;
         state.add(&line)?;
-        bar.set_prefix(left.after(index, line.seconds));
+        let left = left.after(index, line.seconds);
         bar.inc(1);
+        lines_of_progress.after(bar.position(), &left);
+        bar.set_prefix(left);
         Ok(line)
     };
     let lines = in_parallel(cells.len(), work.threads, one).into_iter().collect();
     bar.finish_and_clear();
     lines
+}
+
+/// Lines of progress in the log, for a comparison without a terminal.
+struct ProgressLines {
+    /// `None` if the bar is shown, or nothing is to be shown.
+    last: Option<Mutex<Instant>>,
+    of: usize,
+}
+
+impl ProgressLines {
+    /// Time between two lines.
+    const EVERY: Duration = Duration::from_secs(30);
+
+    fn new(bar: &ProgressBar, context: &CliContext, of: usize) -> Self {
+        let is_needed = bar.is_hidden() && !context.quiet;
+        if is_needed {
+            tracing::info!("comparing: {}", shown::count(of, "cell"));
+        }
+        Self { last: is_needed.then(|| Mutex::new(Instant::now())), of }
+    }
+
+    /// Logs a line if the last one is old enough; `left` is the time left.
+    fn after(&self, done: u64, left: &str) {
+        let Some(last) = &self.last else { return };
+        let mut last = last.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if last.elapsed() >= Self::EVERY {
+            *last = Instant::now();
+            tracing::info!("comparing: {done} of {}, {left} left", shown::count(self.of, "cell"));
+        }
+    }
 }
 
 fn compute_cell(

@@ -5,7 +5,8 @@ use super::{Args, ComparisonPlan, pictures, tables};
 use crate::commands::conditioning::velocity_text;
 use crate::settings::error::NodeError;
 use mr_damper_base::provenance::TOOL;
-use mr_damper_model::compare::{Figure, Finished, Persistence, Predictor, Summary};
+use mr_damper_base::shown;
+use mr_damper_model::compare::{ALL_FOLDS, Figure, Finished, Persistence, Predictor, Summary};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::ModelFile;
 use mr_damper_reports::compare::published::Published;
@@ -20,6 +21,8 @@ pub(super) struct ComparisonResult {
     pub(super) persistence: Vec<Persistence>,
     pub(super) published: Option<Published>,
     pub(super) seconds: f64,
+    /// Description of the folds; `None` without folds.
+    pub(super) design: Option<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -27,9 +30,13 @@ struct Report<'a> {
     schema: &'static str,
     tool: &'static str,
     options: OptionsRow,
+    /// Description of the folds; absent without folds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    design: Option<&'a str>,
     experiments: Vec<ExperimentRow<'a>>,
     identification: Vec<IdentificationRow<'a>>,
     cross_validation: Vec<CrossRow<'a>>,
+    ranking: Vec<RankRow<'a>>,
     persistence: Vec<PersistenceRow<'a>>,
     models: &'a [StepTime],
 }
@@ -83,6 +90,21 @@ struct CrossRow<'a> {
     note: Option<&'a str>,
 }
 
+/// Mean errors of a model over the tests of its best training experiment, or over all folds.
+#[derive(Debug, Serialize)]
+struct RankRow<'a> {
+    model: &'a str,
+    form: &'a str,
+    predictor: Predictor,
+    trained_on: &'a str,
+    tests: usize,
+    mean_rsse_n: Option<f64>,
+    /// 95 % interval of the mean; absent with fewer than two tested experiments or folds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rsse_interval_n: Option<[f64; 2]>,
+    mean_esr: Option<f64>,
+}
+
 /// Persistence on an experiment: the mean over its replicates, and each replicate.
 #[derive(Debug, Serialize)]
 struct PersistenceRow<'a> {
@@ -100,7 +122,7 @@ pub(super) fn write(args: &Args, work: &ComparisonPlan, done: &ComparisonResult)
     let models = done.lines.iter().map(model).collect::<Result<Vec<_>, _>>()?;
     let times = step_times(work, done, &models);
     args.output.page(|| Ok(html(&outcome(args, work, done, &models, &times))))?;
-    args.output.figures(&report(args, work, done, &times), || tables::text(done, &times))
+    args.output.figures(&report(args, work, done, &times), || tables::text(done, &times, args.units.units))
 }
 
 fn model(line: &FinishedCell) -> Result<Option<Model>, NodeError> {
@@ -126,8 +148,9 @@ fn outcome<'a>(
     times: &'a [StepTime],
 ) -> CompareOutcome<'a> {
     let find = |model: &str, form: &str, on: &str| {
-        let cell =
-            done.cells.iter().position(|c| c.model == model && c.form == form && c.trained_on == on)?;
+        // Over folds there is a model for each fold; the first one is drawn.
+        let is_it = |c: &Finished| c.trained_on == on || (on == ALL_FOLDS && c.failure.is_none());
+        let cell = done.cells.iter().position(|c| c.model == model && c.form == form && is_it(c))?;
         models[cell]
     };
     let drawn = match args.pictures.as_slice() {
@@ -136,26 +159,30 @@ fn outcome<'a>(
     };
     let (force_velocity, force_velocity_caption) = pictures::force_velocity(&work.experiments, &drawn);
     let rows: usize = work.experiments.iter().flat_map(|e| &e.replicates).map(|r| r.data.rows.len()).sum();
+    let own = || work.experiments.iter().filter(|experiment| !experiment.is_fold());
     let fact = |name: &str, value: String| (name.to_owned(), value);
     let conditioning = &work.options.conditioning;
     let runs = |e: &mr_damper_model::compare::Experiment| {
         let seconds = e.replicates.first().map_or(0.0, |r| r.data.rows.len() as f64 / r.data.rate_hz);
-        let count = e.replicates.len();
-        format!("{} ({count} run{} of {seconds:.0} s)", e.name, if count == 1 { "" } else { "s" })
+        format!("{} ({} of {seconds:.0} s)", e.name, shown::count(e.replicates.len(), "run"))
     };
     CompareOutcome {
-        what: tables::headline(work.specs.len(), work.experiments.len(), work.sources.len()),
+        what: tables::headline(work.specs.len(), own().count(), work.sources.len()),
         facts: vec![
-            fact("experiments", work.experiments.iter().map(runs).collect::<Vec<_>>().join(", ")),
+            fact(
+                "division",
+                done.design.clone().unwrap_or_else(|| "each experiment is a training set".to_owned()),
+            ),
+            fact("experiments", own().map(runs).collect::<Vec<_>>().join(", ")),
             fact("rows", format!("{rows} in all")),
             fact(
                 "runs",
                 match &args.runs {
                     Some(dir) => dir.display().to_string(),
                     None => format!(
-                        "{} training runs, fitted together; {} test runs",
-                        args.train.len(),
-                        args.test.len()
+                        "{}, fitted together; {}",
+                        shown::count(args.train.len(), "training run"),
+                        shown::count(args.test.len(), "test run")
                     ),
                 },
             ),
@@ -175,7 +202,7 @@ fn outcome<'a>(
             ),
             fact("restarts", format!("{}, seed {}", args.restarts, args.seed)),
             fact("maximum rows of a nonlinear fit", args.most_rows.to_string()),
-            fact("time", format!("{:.0} s on {} threads", done.seconds, work.threads)),
+            fact("time", format!("{:.0} s on {}", done.seconds, shown::count(work.threads, "thread"))),
             fact("made by", TOOL.to_owned()),
         ],
         cells: &done.cells,
@@ -207,6 +234,7 @@ fn report<'a>(
             rate_hz: work.options.dataset.rate_hz,
             conditioning: work.options.conditioning,
         },
+        design: done.design.as_deref(),
         experiments: replicates
             .zip(&work.sources)
             .map(|((experiment, replicate), source)| ExperimentRow {
@@ -220,7 +248,13 @@ fn report<'a>(
             .collect(),
         identification: done.lines.iter().flat_map(|line| identification(args, line)).collect(),
         cross_validation: done.cells.iter().flat_map(cross_validation).collect(),
-        persistence: work.experiments.iter().map(|e| persistence(&e.name, &done.persistence)).collect(),
+        ranking: done.summaries.iter().filter_map(rank_row).collect(),
+        persistence: work
+            .experiments
+            .iter()
+            .filter(|e| !e.is_fold())
+            .map(|e| persistence(&e.name, &done.persistence))
+            .collect(),
         models: times,
     }
 }
@@ -259,6 +293,20 @@ fn cross_validation(cell: &Finished) -> Vec<CrossRow<'_>> {
             note: figure.note.as_deref(),
         })
         .collect()
+}
+
+fn rank_row(summary: &Summary) -> Option<RankRow<'_>> {
+    let best = summary.best()?;
+    Some(RankRow {
+        model: &summary.class.model,
+        form: &summary.class.form,
+        predictor: summary.class.predictor,
+        trained_on: &best.trained_on,
+        tests: best.tests,
+        mean_rsse_n: best.mean_rsse_n,
+        rsse_interval_n: best.rsse_interval_n,
+        mean_esr: best.mean_esr,
+    })
 }
 
 fn persistence<'a>(experiment: &'a str, all: &'a [Persistence]) -> PersistenceRow<'a> {

@@ -1,7 +1,7 @@
 //! Plots of the report: the force of a few models and the measured force, over time and over velocity.
 
 use super::drawn::Drawn;
-use mr_damper_model::compare::{Experiment, Predictor, Replicate, Summary};
+use mr_damper_model::compare::{ALL_FOLDS, Experiment, Predictor, Replicate, Summary};
 use mr_damper_model::effect::Augmented;
 use mr_damper_model::identify::{
     Dataset, Form, MembershipSource, Memberships, ModelSpec, Row, sum_of_free_run,
@@ -85,7 +85,7 @@ pub(super) fn named(
         let mut of =
             summaries.iter().filter(|s| s.class.predictor == predictor && s.class.model == picture.model);
         let (class, row) = of.find_map(|summary| Some((&summary.class, summary.best()?)))?;
-        let name = format!("{}, trained on {}", name(class), row.trained_on);
+        let name = format!("{}, trained on {}", name(class), training_name(&row.trained_on));
         if predictor == Predictor::SameInstant {
             let training = &experiments.iter().find(|e| e.name == row.trained_on)?.replicates.first()?.data;
             let drive = training.drive.filter(|_| class.form != Form::Passive.name());
@@ -96,6 +96,11 @@ pub(super) fn named(
         Some(if one_step { Drawn::one_step(name, model) } else { Drawn::simulated(name, model) })
     };
     pictures.iter().filter_map(one).collect()
+}
+
+/// Name of the training runs for a legend. Over folds there is a model for each fold, and the first one is drawn.
+fn training_name(trained_on: &str) -> &str {
+    if trained_on == ALL_FOLDS { "the first fold" } else { trained_on }
 }
 
 /// The best models in simulation, each as identified on its best experiment. `find` returns a model by name, form and
@@ -111,7 +116,10 @@ pub(super) fn best(summaries: &[Summary], find: impl Fn(&str, &str, &str) -> Opt
             return None;
         }
         seen.push(&class.model);
-        Some(Drawn::simulated(format!("{}, trained on {}", name(class), row.trained_on), model))
+        Some(Drawn::simulated(
+            format!("{}, trained on {}", name(class), training_name(&row.trained_on)),
+            model,
+        ))
     });
     drawn.take(MODELS).collect()
 }

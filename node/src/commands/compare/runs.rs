@@ -192,6 +192,7 @@ pub(in crate::commands) fn load(
         name: p.name.clone(),
         replicates: Vec::new(),
         training: p.training,
+        held_out: Vec::new(),
     };
     let mut experiments: Vec<Experiment> = planned.iter().map(empty).collect();
     let mut sources = Vec::new();

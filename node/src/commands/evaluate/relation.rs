@@ -5,6 +5,7 @@
 use super::{Args, row};
 use crate::commands::context::CliContext;
 use crate::commands::output;
+use crate::commands::units::Units;
 use crate::settings::error::NodeError;
 use mr_damper_base::shown;
 use mr_damper_model::condition::Conditioning;
@@ -56,16 +57,16 @@ pub(super) fn run(args: &Args, relation: &Phase, context: &CliContext) -> Result
     let report = Report { schema: "mr-damper/evaluate/1", model: &args.model, runs };
     match &args.json {
         Some(path) => output::json(path, &report)?,
-        None => print!("{}", shown::lines(&table(&report))),
+        None => print!("{}", shown::lines(&table(&report, args.units.units))),
     }
     Ok(())
 }
 
-fn table(report: &Report<'_>) -> String {
+fn table(report: &Report<'_>, units: Units) -> String {
     let mut text = format!("{}: not a prediction, it explains each measured force by itself\n", report.model);
     for ExplainedRun { run, same_instant } in &report.runs {
         text += &format!("\n{}\n", shown::line(run));
-        text += &row("same instant", *same_instant);
+        text += &row("same instant", *same_instant, units);
         if same_instant.is_none() {
             text += "  no counted row has force readings on both sides\n";
         }

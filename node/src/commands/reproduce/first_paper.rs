@@ -217,6 +217,7 @@ fn figures(runs: &[PaperRun], options: &Options, context: &CliContext) -> Result
         name: format!("Experiment {}", run.experiment),
         replicates: vec![Replicate { number: 1, data: run.data.clone() }],
         training: 1,
+        held_out: Vec::new(),
     };
     let drawn = |run: &PaperRun, model: ThesisModel, words: &str| -> Result<Option<Drawn>, NodeError> {
         match fit(&run.data, model, Form::SemiActive, options, context) {

@@ -69,7 +69,7 @@ pub(super) fn of_thesis(
         let sha256 = format!("rig, seed {seed}, {} s", job.experiment.duration_s);
         sources.push(Source { experiment: name.clone(), replicate: number, sha256 });
         if experiments.last().is_none_or(|last| last.name != name) {
-            experiments.push(Experiment { name, replicates: Vec::new(), training: 1 });
+            experiments.push(Experiment { name, replicates: Vec::new(), training: 1, held_out: Vec::new() });
         }
         if let Some(last) = experiments.last_mut() {
             last.replicates.push(Replicate { number, data });

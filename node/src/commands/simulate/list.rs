@@ -2,6 +2,7 @@
 
 use super::plan::OWN;
 use crate::settings::error::NodeError;
+use mr_damper_base::shown;
 use mr_damper_model::rig::inject::EFFECTS;
 use mr_damper_model::rig::{Current, Displacement, Experiment, Wave};
 use std::io::Write;
@@ -28,7 +29,7 @@ fn text() -> String {
         }
         let runs: u32 = experiments.iter().map(|e| e.replicates).sum();
         let total: f64 = experiments.iter().map(|e| f64::from(e.replicates) * e.duration_s).sum();
-        text += &format!("  {runs} runs, {total:.0} s\n");
+        text += &format!("  {}, {total:.0} s\n", shown::count(runs, "run"));
     };
     group("the thesis' (all)", Experiment::names().filter_map(Experiment::thesis).collect());
     let paper = Experiment::paper1_names().filter_map(Experiment::paper1).collect();

@@ -71,8 +71,8 @@ fn names() -> impl Iterator<Item = &'static str> {
 /// Reasons why the value of `--experiment` or `--effect` is not valid. clap says which flag it was given for.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum PlanError {
-    #[error("the nearest is {nearest}; `mr-damper simulate --list` lists all")]
-    UnknownExperiment { nearest: &'static str },
+    #[error("{}`mr-damper simulate --list` lists all", nearest.map(|nearest| format!("the nearest is {nearest}; ")).unwrap_or_default())]
+    UnknownExperiment { nearest: Option<&'static str> },
     #[error("give ID=SIZE, e.g. friction=60")]
     NoSize,
     #[error("\"{text}\" is not a number")]
@@ -93,7 +93,8 @@ pub(super) fn selection(text: &str) -> Result<Selection, PlanError> {
     }
     let distance =
         |name: &&str| strsim::damerau_levenshtein(&name.to_ascii_lowercase(), &text.to_lowercase());
-    let nearest = names().min_by_key(distance).unwrap_or_default();
+    // A name that differs in more than half of its characters is not a misspelling.
+    let nearest = names().min_by_key(distance).filter(|name| 2 * distance(name) <= name.len());
     Err(PlanError::UnknownExperiment { nearest })
 }
 

@@ -216,7 +216,16 @@ impl Diagnosis {
             (Some(path), Some(auto_load)) => auto_load.load(path, &result.after).map(|()| true),
             _ => Ok(false),
         };
-        tracing::info!(model_file = ?path, ?loaded, "close_loop: {}", in_short(&result));
+        let file =
+            path.as_deref().map_or_else(|| "none".to_owned(), |path: &Path| path.display().to_string());
+        match &loaded {
+            Ok(is_loaded) => {
+                tracing::info!(model_file = file, loaded = is_loaded, "close_loop: {}", in_short(&result));
+            }
+            Err(why) => {
+                tracing::info!(model_file = file, "close_loop: {}; not loaded: {why}", in_short(&result))
+            }
+        }
         let parts = parts.into_iter();
         let row = |(role, run): (_, Run)| RunRow { role, seconds: run.duration().get(), run: run.name };
         let seconds = started.elapsed().as_secs_f64();

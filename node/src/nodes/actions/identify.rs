@@ -7,6 +7,7 @@
 use super::{ActionContext, ActionError, ActionWork, Job, Step, create, total_s, write_new};
 use crate::settings::error::{NodeError, RequestError};
 use mr_damper_base::provenance::{TOOL, date, expect};
+use mr_damper_base::shown;
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{Form, Identified, ModelSpec, Options, Progress, Watch, identify};
 use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
@@ -99,7 +100,9 @@ impl Fitting {
         tracing::info!(history_s, "identify: working on a goal");
         let worked = self.fit(history_s, cancelled, say);
         match &worked {
-            Ok(written) => tracing::info!(model_file = ?written.path, "identify: {}", written.message),
+            Ok(written) => {
+                tracing::info!(model_file = %written.path.display(), "identify: {}", written.message)
+            }
             Err(error) => tracing::warn!("identify failed: {error}"),
         }
         worked
@@ -227,7 +230,7 @@ fn split(runs: &[Run], until_s: f64) -> (Vec<Run>, Vec<Run>) {
 fn in_words(progress: Progress) -> Step {
     let share = |done: u32, of: u32| done as f32 / of.max(1) as f32;
     let (stage, progress) = match progress {
-        Progress::Conditioning { runs } => (format!("conditioning {runs} runs"), 0.0),
+        Progress::Conditioning { runs } => (format!("conditioning {}", shown::count(runs, "run")), 0.0),
         Progress::Restart { done, of } => (format!("restart {done} of {of}"), 0.05 + 0.6 * share(done, of)),
         Progress::Epoch { done, of } => (format!("epoch {done} of {of}"), 0.05 + 0.6 * share(done, of)),
         Progress::Polish { done, of } => (format!("finish {done} of {of}"), 0.65 + 0.3 * share(done, of)),

@@ -38,7 +38,7 @@ use job_thread::{JobMessage, JobThread};
 use mr_damper_model::sample::Run;
 use mr_damper_msgs::Action;
 use mr_damper_runs::write_text;
-use ros2_client::action::{CancelHandle, GoalEndStatus};
+use ros2_client::action::{CancelHandle, GoalEndStatus, GoalError};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, PoisonError};
@@ -217,11 +217,11 @@ impl<W: ActionWork> GoalServer<W> {
                         let begun = self.start_goal(goal, running.is_some()).await;
                         running = begun.or(running);
                     }
-                    Err(error) => tracing::warn!(?error, "cannot read a goal of {}", W::NAME),
+                    Err(error) => tracing::warn!(%error, "cannot read a goal of {}", W::NAME),
                 },
                 request = self.server.receive_cancel_request() => match request {
                     Ok(request) => self.cancel(&request, running.as_ref()).await,
-                    Err(error) => tracing::warn!(?error, "cannot read a cancellation of {}", W::NAME),
+                    Err(error) => tracing::warn!(%error, "cannot read a cancellation of {}", W::NAME),
                 },
                 message = next(&mut running) => match message {
                     JobMessage::Step(step) => self.send_feedback(running.as_ref(), step).await,
@@ -258,9 +258,13 @@ impl<W: ActionWork> GoalServer<W> {
         let job = match begun {
             Ok(job) => job,
             Err(why) => {
-                tracing::warn!(goal = ?requested, "{}: goal rejected: {why}", W::NAME);
+                tracing::warn!("{}: goal rejected: {why}", W::NAME);
                 if let Err(error) = self.server.reject_goal(goal).await {
-                    tracing::warn!(?error, "cannot send the rejection of a goal of {}", W::NAME);
+                    tracing::warn!(
+                        error = in_words(&error),
+                        "cannot send the rejection of a goal of {}",
+                        W::NAME
+                    );
                 }
                 return None;
             }
@@ -272,7 +276,7 @@ impl<W: ActionWork> GoalServer<W> {
         match executing {
             Ok(goal) => Some(RunningGoal { goal, job }),
             Err(error) => {
-                tracing::error!(?error, "{}: cannot accept a goal", W::NAME);
+                tracing::error!(error = in_words(&error), "{}: cannot accept a goal", W::NAME);
                 job.end();
                 None
             }
@@ -287,7 +291,7 @@ impl<W: ActionWork> GoalServer<W> {
         }
         let cancelled = target.map(|running| running.goal.goal_id());
         if let Err(error) = self.server.respond_to_cancel_requests(request, cancelled.into_iter()).await {
-            tracing::warn!(?error, "cannot send the answer to a cancellation of {}", W::NAME);
+            tracing::warn!(%error, "cannot send the answer to a cancellation of {}", W::NAME);
         }
     }
 
@@ -296,7 +300,7 @@ impl<W: ActionWork> GoalServer<W> {
         let Some(running) = running.filter(|running| !running.job.is_cancelled()) else { return };
         let published = self.server.publish_feedback(running.goal.clone(), RosMessage(W::feedback(step)));
         if let Err(error) = published.await {
-            tracing::warn!(?error, "cannot publish feedback of {}", W::NAME);
+            tracing::warn!(error = in_words(&error), "cannot publish feedback of {}", W::NAME);
         }
     }
 
@@ -319,7 +323,7 @@ impl<W: ActionWork> GoalServer<W> {
         let sending = self.server.send_result_response(goal.clone(), status, RosMessage(result));
         let sending = Box::pin(async move {
             if let Err(error) = sending.await {
-                tracing::warn!(?error, "cannot send the result of {}", W::NAME);
+                tracing::warn!(error = in_words(&error), "cannot send the result of {}", W::NAME);
             }
         });
         PendingResult { goal, sending }
@@ -332,8 +336,18 @@ impl<W: ActionWork> GoalServer<W> {
         tracing::warn!("no client asked for the result of a goal of {}; it is dropped", W::NAME);
         if let Err(error) = self.server.abort_executing_goal(goal).await {
             // The goal stays on the status topic as being cancelled, because ros2-client cannot remove it.
-            tracing::debug!(?error, "the goal had been cancelled");
+            tracing::debug!(error = in_words(&error), "the goal had been cancelled");
         }
+    }
+}
+
+/// A fault of the action server in words, for the log.
+fn in_words<T>(error: &GoalError<T>) -> String {
+    match error {
+        GoalError::NoSuchGoal => "the goal is not known".to_owned(),
+        GoalError::WrongGoalState => "the goal is in another state".to_owned(),
+        GoalError::DDSReadError(error) => error.to_string(),
+        GoalError::DDSWriteError(error) => error.to_string(),
     }
 }
 

@@ -45,9 +45,8 @@ impl Assignment {
     fn placed(&self, error: NodeError) -> NodeError {
         match &self.origin {
             None => error,
-            Some((path, None)) => NodeError::File { path: path.clone(), message: error.to_string() },
-            Some((path, Some(section))) => {
-                NodeError::File { path: path.clone(), message: format!("{section}: {error}") }
+            Some((path, section)) => {
+                NodeError::InFile { path: path.clone(), section: section.clone(), why: Box::new(error) }
             }
         }
     }

@@ -17,8 +17,13 @@ use std::path::Path;
 /// # Errors
 /// When the file cannot be read, is not TOML, or contains a value that no parameter can have.
 pub(super) fn read(path: &Path) -> Result<Vec<Assignment>, NodeError> {
-    let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
-    let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
+    let in_file = |message: String| NodeError::InFile {
+        path: path.to_owned(),
+        section: None,
+        why: Box::new(NodeError::Usage(message)),
+    };
+    let unreadable = |e: std::io::Error| NodeError::File { path: path.to_owned(), message: e.to_string() };
+    let text = std::fs::read_to_string(path).map_err(unreadable)?;
     let table: toml::Table = toml::from_str(&text).map_err(|e| in_file(e.to_string()))?;
     let mut values = Vec::new();
     flatten("", table, &mut values).map_err(|error| in_file(error.to_string()))?;

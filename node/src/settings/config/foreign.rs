@@ -5,7 +5,8 @@ use crate::settings::error::NodeError;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// From this similarity on, a name may be a misspelt parameter.
+/// From this similarity on, a name may be a misspelt parameter. It is higher than for an error, because the section holds
+/// parameters of other nodes, which may have similar names.
 const ALIKE: f64 = 0.93;
 
 /// The unknown parameters in `assignments`, which belong to other nodes, by file and section. `dampers` are the names
@@ -56,7 +57,7 @@ pub(super) fn say<'a>(
 fn misspelt(name: &str) -> Option<String> {
     match find(name) {
         Err(NodeError::UnknownParameter { nearest, .. }) => {
-            (strsim::jaro_winkler(name, &nearest) >= ALIKE).then_some(nearest)
+            nearest.filter(|nearest| strsim::jaro_winkler(name, nearest) >= ALIKE)
         }
         _ => None,
     }

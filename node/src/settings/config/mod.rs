@@ -18,7 +18,7 @@ mod value;
 
 pub use assignment::Assignment;
 pub use dampers::{Damper, dampers};
-pub use flags::ParameterFlags;
+pub use flags::{ParameterFlags, UnlistedParameterFlags};
 pub use ros_args::RosArgs;
 pub use session::{rmw, zenoh_config};
 pub use table::{Mutability, Parameter, ParameterKind, TABLE, find, is_known};

@@ -24,6 +24,7 @@
 
 use super::{RosArgs, Value};
 use crate::settings::error::NodeError;
+use mr_damper_base::shown;
 use ros2_client::qos::{Durability, History, QosProfile, Reliability, WhenFull};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -304,9 +305,10 @@ impl Overrides {
         let likeness =
             |(end, full): &(End, String)| strsim::jaro_winkler(&format!("{full}.{}", end.name()), &said);
         let nearest = self.topics.iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)))?;
+        let is_near = likeness(nearest) >= shown::ALIKE;
         Some(NodeError::UnknownParameter {
             name: name.to_owned(),
-            nearest: format!("{PREFIX}{}.{}.{policy}", nearest.1, nearest.0.name()),
+            nearest: is_near.then(|| format!("{PREFIX}{}.{}.{policy}", nearest.1, nearest.0.name())),
         })
     }
 
@@ -337,11 +339,13 @@ impl Overrides {
     #[must_use]
     pub fn applied(&self, qos: &QosProfile, topic: &str, end: End) -> QosProfile {
         let mut changed = qos.clone();
+        let mut set = Vec::new();
         for (key, value) in self.values.iter().filter(|(key, _)| key.topic == topic && key.end == end) {
             key.policy.apply(value, &mut changed);
+            set.push(format!("{} = {value}", key.policy.name()));
         }
         if changed != *qos {
-            tracing::info!(topic, end = end.name(), qos = ?changed, "qos_overrides sets the QoS");
+            tracing::info!(topic, end = end.name(), "qos_overrides sets {}", set.join(", "));
         }
         changed
     }

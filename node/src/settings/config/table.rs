@@ -5,6 +5,7 @@
 
 use super::{Config, InputConfig, Value};
 use crate::settings::error::NodeError;
+use mr_damper_base::shown;
 
 /// The accepted values of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,6 +61,25 @@ impl Parameter {
     #[must_use]
     pub fn flag(&self) -> String {
         self.name.replace(['.', '_'], "-")
+    }
+
+    /// The value without any configuration, as text; `None` if that is empty.
+    #[must_use]
+    pub fn default_text(&self) -> Option<String> {
+        match (self.get)(&Config::default()) {
+            Value::Text(text) if text.is_empty() => None,
+            Value::TextList(list) if list.is_empty() => None,
+            Value::DoubleList(list) if list.is_empty() => None,
+            Value::Text(text) => Some(text),
+            value => Some(value.to_string()),
+        }
+    }
+
+    /// Description, accepted values and default, for help and for ROS tools.
+    #[must_use]
+    pub fn help(&self) -> String {
+        let default = self.default_text().unwrap_or_else(|| "empty".to_owned());
+        format!("{} [{}; default: {default}]", self.doc, self.expected())
     }
 
     /// Advice for a parameter that cannot be set in the present state, as the end of a sentence.
@@ -143,23 +163,14 @@ pub fn is_known(name: &str) -> bool {
     TABLE.iter().any(|parameter| parameter.name == name)
 }
 
-/// Number of characters of an unknown name that are compared with the known names.
-const COMPARED: usize = 200;
-
 /// The parameter called `name`.
 ///
 /// # Errors
-/// [`NodeError::UnknownParameter`] with the nearest name.
+/// [`NodeError::UnknownParameter`], with the name that it resembles.
 pub fn find(name: &str) -> Result<&'static Parameter, NodeError> {
-    TABLE.iter().find(|parameter| parameter.name == name).ok_or_else(|| {
-        // A very long name is not similar to any, and comparing all of it would take minutes.
-        let compared: String = name.chars().take(COMPARED).collect();
-        let likeness = |parameter: &Parameter| strsim::jaro_winkler(parameter.name, &compared);
-        let nearest = TABLE.iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
-        NodeError::UnknownParameter {
-            name: name.to_owned(),
-            nearest: nearest.map_or("", |parameter| parameter.name).to_owned(),
-        }
+    TABLE.iter().find(|parameter| parameter.name == name).ok_or_else(|| NodeError::UnknownParameter {
+        name: name.to_owned(),
+        nearest: shown::nearest(name, TABLE.iter().map(|parameter| parameter.name)).map(str::to_owned),
     })
 }
 
@@ -279,7 +290,10 @@ macro_rules! input {
     };
 }
 
+mod group;
 mod list;
+
+pub(super) use group::groups;
 
 /// All parameters.
 pub static TABLE: std::sync::LazyLock<Vec<Parameter>> = std::sync::LazyLock::new(|| list::all().collect());

@@ -53,7 +53,7 @@ fn about(name: &str, bytes: u64, loaded: &Loaded, reading: &ReadOptions) -> Abou
         rate_hz: run.displacement_m.mean_rate_hz(),
         samples: run.displacement_m.len(),
         channels: mr_damper_runs::channels(run).into_iter().map(str::to_owned).collect(),
-        notes: loaded.notes.iter().map(ToString::to_string).collect(),
+        notes: loaded.notes.iter().filter(|note| note.is_warning()).map(ToString::to_string).collect(),
         sha256: loaded.sha256_hex(),
         reading: reading.clone(),
     }

@@ -57,6 +57,20 @@ pub enum FileProblem {
     },
 }
 
+impl ZenohError {
+    /// True if a parameter or the Zenoh configuration file is wrong; false if the machine or the network is.
+    #[must_use]
+    pub const fn is_wrong_parameter(&self) -> bool {
+        !matches!(
+            self,
+            Self::File { problem: FileProblem::Unreadable(_) | FileProblem::NamedFile { .. }, .. }
+                | Self::PortInUse { .. }
+                | Self::Open { .. }
+                | Self::Thread { .. }
+        )
+    }
+}
+
 /// Reasons why the mirror cannot start. Every message says what failed, where, and what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
