@@ -36,7 +36,7 @@ impl Identification {
         json_text(&self.found.report()).map_err(|error| crate::error::exception(py, &error))
     }
 
-    /// What a user should know before using the model.
+    /// Sentences that a user should know before using the model.
     #[getter]
     fn remarks(&self) -> Vec<String> {
         self.found.remarks()

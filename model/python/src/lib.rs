@@ -1,7 +1,7 @@
 //! The native module of the Python package `mr_damper`: the functions behind the classes in `python/mr_damper`, and the command
 //! `mr-damper`.
 //!
-//! Every function calls what the command line calls, so its numbers are those of the command line. Options arrive as the words of a
+//! Every function calls what the command line calls, so both give bit-identical numbers. Options arrive as the words of a
 //! command line (`--restarts 5`) and are parsed by the same parser. Results leave as JSON in the schemas of the commands, tables as
 //! columns of bytes.
 //!
@@ -24,7 +24,7 @@ use std::io::Write;
 #[pyfunction]
 fn main(py: Python<'_>, arguments: Vec<String>) -> u8 {
     py.detach(|| {
-        // After a panic, the exit code is that of a program. The panic hook has printed the message.
+        // A program that panics ends with exit code 101. The panic hook has printed the message.
         let code =
             std::panic::catch_unwind(|| mr_damper_node::commands::cli::exit_code(arguments)).unwrap_or(101);
         // Rust flushes stdout only at the end of its own `main`. A reader that has closed the pipe is not an error here.

@@ -2,7 +2,7 @@
 
 use crate::arguments::load_options;
 use crate::error::{exception, of_run};
-use crate::table::{columns_of_arrow, columns_of_bytes, floats, ints};
+use crate::table::{columns_of_arrow, columns_of_bytes, floats, ints, words};
 use crate::work;
 use mr_damper_model::sample::{DriveKind, Run as Recorded, Stamp, Trace};
 use mr_damper_runs::{Column, Loaded, SaveOptions, channels};
@@ -54,7 +54,7 @@ impl Run {
         py: Python<'_>,
         name: &str,
         table: &Bound<'_, PyAny>,
-        words: Vec<String>,
+        options: Vec<String>,
     ) -> PyResult<Self> {
         let columns = columns_of_arrow(name, table)?;
         of_columns(py, name, &columns, &options)

@@ -21,7 +21,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::PathBuf;
 
-/// The columns given as name, kind and values. The kind is `d` for bytes of float64, `q` for bytes of int64, `t` for bytes of int64 in
+/// The columns given as name, kind and values. The kind is `d` for bytes of float64, `n` for the same where NaN may stand for an empty
+/// cell ([`without_gaps`]), `e` for the same where it always does, `q` for bytes of int64, `t` for bytes of int64 in
 /// nanoseconds since the epoch, and `o` for a list of numbers with `None` for an empty cell.
 ///
 /// # Errors
@@ -30,6 +31,8 @@ pub(crate) fn columns_of_bytes(columns: Vec<(String, String, Bound<'_, PyAny>)>)
     let column = |(name, kind, values): (String, String, Bound<'_, PyAny>)| -> PyResult<Column> {
         let values = match kind.as_str() {
             "d" => Values::Floats(words(&values)?.map(f64::from_ne_bytes).collect()),
+            "n" => without_gaps(words(&values)?.map(f64::from_ne_bytes).collect()),
+            "e" => Values::OptionalFloats(words(&values)?.map(f64::from_ne_bytes).map(some).collect()),
             "q" => Values::Integers(words(&values)?.map(i64::from_ne_bytes).collect()),
             // NumPy writes "not a time" as the smallest integer.
             "t" => Values::Stamps(
@@ -41,6 +44,27 @@ pub(crate) fn columns_of_bytes(columns: Vec<(String, String, Bound<'_, PyAny>)>)
         Ok(Column { name, values })
     };
     columns.into_iter().map(column).collect()
+}
+
+/// The value; `None` for NaN.
+fn some(value: f64) -> Option<f64> {
+    (!value.is_nan()).then_some(value)
+}
+
+/// The values of a channel that was logged at a fraction of the rows' rate: the cells between its samples are NaN in a data frame and
+/// become empty cells. NaN anywhere else stays, and is refused when the run is made.
+fn without_gaps(values: Vec<f64>) -> Values {
+    let samples: Vec<usize> = (0..values.len()).filter(|row| !values[*row].is_nan()).collect();
+    let mut gaps = samples.windows(2).map(|pair| pair[1] - pair[0]);
+    let Some(every) = gaps.next().filter(|every| *every > 1) else { return Values::Floats(values) };
+    let [Some(first), Some(last)] = [samples.first(), samples.last()] else { return Values::Floats(values) };
+    let is_regular = gaps.all(|gap| gap == every) && *first < every && values.len() - last <= every;
+    // The rule of the CSV reader for empty cells that are no omissions.
+    let is_slower = samples.len() > 2 && values.len() > 2 * samples.len();
+    match is_regular && is_slower {
+        true => Values::OptionalFloats(values.into_iter().map(some).collect()),
+        false => Values::Floats(values),
+    }
 }
 
 /// The bytes in pieces of eight.

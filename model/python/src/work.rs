@@ -27,7 +27,7 @@ type Latest = Arc<Mutex<Option<(String, u64, u64)>>>;
 /// Warnings of the work become Python warnings.
 ///
 /// # Errors
-/// The exception for the error of `work`; that of a signal handler or of `progress`.
+/// The exception for the error of `work`; the exception of a signal handler or of `progress`.
 pub(crate) fn run<T: Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,

@@ -87,6 +87,22 @@ def test_a_null_is_an_empty_cell_and_nan_is_an_error():
         with pytest.raises(mr_damper.Error, match=r"row 1, column `case_temp_c`: `NaN` is not finite") as raised:
             mr_damper.read_run(run)
         assert (raised.value.code, raised.value.row, raised.value.column) == ("row", 1, "case_temp_c")
+    with pytest.warns(mr_damper.MrDamperWarning, match="1 empty cells"):
+        run = mr_damper.read_run(pandas.DataFrame(table), nan="empty")
+    assert len(run.traces()["case_temp_c"][1]) == 16
+    with pytest.raises(mr_damper.UsageError, match="nan is 'drop'"):
+        mr_damper.read_run(table, nan="drop")
+
+
+def test_a_channel_with_a_lower_rate_has_nan_between_its_samples():
+    nan = float("nan")
+    table = {"time_s": numpy.arange(9) / 8, "displacement_m": numpy.arange(9.0)}
+    for regular in ([1, nan, nan] * 3, [nan, 1, nan, nan, 2, nan, nan, 3, nan]):
+        run = mr_damper.read_run({**table, "case_temp_c": numpy.array(regular)})
+        assert len(run.traces()["case_temp_c"][1]) == 3 * 8
+    for irregular in ([1, nan, nan, 2, 3, nan, 4, nan, nan], [1, nan, nan, 2, nan, nan, nan, nan, nan], [1, nan] * 4 + [1], [nan] * 9):
+        with pytest.raises(mr_damper.Error, match='`NaN` is not finite; .*nan="empty"'):
+            mr_damper.read_run({**table, "case_temp_c": numpy.array(irregular)})
 
 
 TIMES = [0.0, 0.1, 0.2]
@@ -106,7 +122,7 @@ TIMES = [0.0, 0.1, 0.2]
         ({"time_s": TIMES, "displacement_m": [0.0, float("inf"), 0.0]}, "is not finite", "row", {"row": 1, "value": "inf"}),
         ({"time_s": TIMES, "displacement_m": [0.0]}, "all columns need the same number of rows", "table", {}),
         ({"time_s": [], "displacement_m": []}, "no sample of displacement", "no_displacement", {}),
-        ({}, "no column `time_s`", "table", {}),
+        ({}, "a table without columns", "table", {}),
         ({"time_s": TIMES, "displacement_m": ["a", "b", "c"]}, "holds a value that is not a number", "column", {"column": "displacement_m"}),
         ({"time_s": TIMES, "displacement_m": numpy.zeros((3, 1))}, "has 2 dimensions", "column", {}),
         ({"time_s": TIMES, "displacement_m": TIMES, "displacement_mm": TIMES}, "are the same quantity", "table", {}),

@@ -1,4 +1,4 @@
-//! Runs from tables in memory, such as data frames. Names, units and checks of the columns are those of CSV files.
+//! Runs from tables in memory, such as data frames. Columns have the names, units and checks of CSV files.
 
 use super::csv::{Row, Table};
 use super::csv_write;
@@ -142,6 +142,10 @@ pub fn from_columns(name: &str, columns: &[Column], options: &LoadOptions) -> Re
     if options.thesis_txt {
         let why =
             "a table with column names, so it is not a --thesis-txt file; leave thesis_txt out".to_owned();
+        return Err(RunError::Table { path: path.to_owned(), why });
+    }
+    if columns.is_empty() {
+        let why = "a table without columns; give time_s and displacement_m at least".to_owned();
         return Err(RunError::Table { path: path.to_owned(), why });
     }
     let rows = columns.first().map_or(0, |column| column.values.len());

@@ -26,17 +26,18 @@ def _of(data: bytes, code: str) -> Any:
     return numpy.frombuffer(data, {"d": "f8", "q": "i8"}[code]).copy()
 
 
-def column(name: str, values: Any) -> Column:
+def column(name: str, values: Any, nan: str = "n") -> Column:
     """``values`` as the native module takes them: kind and data.
 
     Args:
         name: name of the column, for messages.
         values: one-dimensional: a NumPy array, a pandas Series, anything with the buffer protocol, or a sequence of numbers, in which
             ``None`` is an empty cell.
+        nan: ``"n"``: NaN is an empty cell of a channel with a lower rate, and an error elsewhere; ``"e"``: NaN is an empty cell.
     """
     values = _of_series(values)
     if isinstance(values, list):
-        return _of_sequence(name, values)
+        return _of_sequence(name, values, nan)
     kind = getattr(getattr(values, "dtype", None), "kind", None)
     if kind in ("M", "m"):
         return "t", values.astype(f"{kind}8[ns]").tobytes()
@@ -46,15 +47,15 @@ def column(name: str, values: Any) -> Column:
     try:
         view = memoryview(values)
     except TypeError:
-        return _of_sequence(name, values)
+        return _of_sequence(name, values, nan)
     if view.ndim != 1:
         raise _wrong(name, f"has {view.ndim} dimensions; give a one-dimensional array")
     if view.format in ("d", "<d", "=d"):
-        return "d", view.tobytes()
+        return nan, view.tobytes()
     if view.format in ("q", "l", "<q", "<l") and view.itemsize == 8:
         return "q", view.tobytes()
     if view.format is not None and view.format.lstrip("<=@") in "efbBhHiIlLqQ?":
-        return _of_sequence(name, view.tolist())
+        return _of_sequence(name, view.tolist(), nan)
     raise _wrong(name, f"holds values of the format {view.format!r}; give numbers")
 
 
@@ -77,7 +78,7 @@ def _of_series(values: Any) -> Any:
     return values
 
 
-def _of_sequence(name: str, values: Any) -> Column:
+def _of_sequence(name: str, values: Any, nan: str) -> Column:
     if isinstance(values, (str, bytes)) or not hasattr(values, "__iter__"):
         raise _wrong(name, f"is {values!r:.60}; give a sequence of numbers, one for each row")
     listed = list(values)
@@ -86,7 +87,7 @@ def _of_sequence(name: str, values: Any) -> Column:
             return "q", array.array("q", listed).tobytes()
         if any(value is None for value in listed):
             return "o", [None if value is None else float(value) for value in listed]
-        return "d", array.array("d", listed).tobytes()
+        return nan, array.array("d", listed).tobytes()
     except (TypeError, ValueError, OverflowError) as error:
         raise _wrong(name, f"holds a value that is not a number ({error}); give numbers, or None for an empty cell") from None
 

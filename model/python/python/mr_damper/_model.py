@@ -1,6 +1,7 @@
 """The estimator ``DamperModel``."""
 
 import inspect
+import json
 import os
 from decimal import ROUND_HALF_UP, Decimal
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Union
@@ -73,6 +74,7 @@ class DamperModel:
         result_: figures of the fit (:class:`FitResult`); ``None`` for a model that was loaded.
     """
 
+    model: str
     model_: "_native.Model"
     result_: Optional[FitResult]
 
@@ -130,7 +132,12 @@ class DamperModel:
         return self
 
     def __sklearn_tags__(self) -> Any:
-        from sklearn.utils import InputTags, RegressorTags, Tags, TargetTags
+        from sklearn.utils import (  # type: ignore[import-untyped, unused-ignore]
+            InputTags,
+            RegressorTags,
+            Tags,
+            TargetTags,
+        )
 
         return Tags(
             estimator_type="regressor",
@@ -172,7 +179,7 @@ class DamperModel:
         held_out = [] if validate is None else self._runs(validate, "validate")
         found = _native.identify(self._words(), training, held_out, callback(progress))
         self.model_ = found.model
-        self.result_ = FitResult(FitResult.from_json(found.to_json())._data, found)
+        self.result_ = FitResult(json.loads(found.to_json()), found)
         self.__dict__.pop("_stepper", None)
         for warning in self.result_.warnings:
             warn(warning)
@@ -221,7 +228,7 @@ class DamperModel:
 
     def evaluate(self, runs: Any) -> Evaluation:
         """The errors on runs with measured force; see :func:`mr_damper.evaluate`."""
-        return Evaluation.from_json(_native.evaluate(self._fitted(), self.model, self._runs(runs, "runs")))  # type: ignore[return-value]
+        return Evaluation(json.loads(_native.evaluate(self._fitted(), self.model, self._runs(runs, "runs"))))
 
     def score(self, runs: Any, y: Any = None) -> float:
         """1 - NMSE of the simulation over all samples with measured force: 1 for a perfect model, 0 for one that predicts the mean.
@@ -284,8 +291,6 @@ class DamperModel:
 
     def to_dict(self) -> Dict[str, Any]:
         """The content of the model file."""
-        import json
-
         return json.loads(self._fitted().to_json())  # type: ignore[no-any-return]
 
     # files

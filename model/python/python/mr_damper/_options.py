@@ -56,7 +56,7 @@ def _text(value: Any) -> str:
     if isinstance(value, (str, bool)):
         return str(value)
     if isinstance(value, os.PathLike):
-        return os.fspath(value)
+        return str(os.fspath(value))
     if isinstance(value, int):
         return str(value)
     try:

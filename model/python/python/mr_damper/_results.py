@@ -20,10 +20,6 @@ class Record:
     def __init__(self, data: Dict[str, Any]) -> None:
         object.__setattr__(self, "_data", data)
 
-    @classmethod
-    def from_json(cls, text: str) -> "Record":
-        return cls(json.loads(text))
-
     def __getattr__(self, name: str) -> Any:
         try:
             return _wrapped(self.__dict__["_data"][name])
@@ -250,7 +246,7 @@ def frame(columns: Dict[str, Any], library: Optional[str] = None) -> Any:
             module = __import__(name)
         except ImportError:
             continue
-        return module.DataFrame(columns)
+        return module.DataFrame(columns)  # type: ignore[no-untyped-call, unused-ignore]
     missing = library or "pandas nor polars"
     raise Error(f"{missing} is not installed; install one (pip install pandas), or use to_dict()", "no_frames")
 
@@ -282,7 +278,10 @@ def _table(rows: List[Dict[str, Any]]) -> str:
     """An HTML table for a notebook."""
     if not rows:
         return "<p>no rows</p>"
-    cell = lambda value: html.escape("" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value))  # noqa: E731
+
+    def cell(value: Any) -> str:
+        return html.escape("" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value))
+
     head = "".join(f"<th>{html.escape(name)}</th>" for name in rows[0])
     body = "".join("<tr>" + "".join(f"<td>{cell(value)}</td>" for value in row.values()) + "</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, List, Optional
 
 from mr_damper import _arrays
-from mr_damper._errors import Error, warn
+from mr_damper._errors import Error, UsageError, warn
 from mr_damper._native import Run
 from mr_damper._options import load_words
 
@@ -15,7 +15,7 @@ _WHAT = (
 )
 
 
-def read_runs(source: Any, *, name: Optional[str] = None, **options: Any) -> List[Run]:
+def read_runs(source: Any, *, name: Optional[str] = None, nan: str = "error", **options: Any) -> List[Run]:
     """Read recorded runs.
 
     Args:
@@ -28,8 +28,10 @@ def read_runs(source: Any, *, name: Optional[str] = None, **options: Any) -> Lis
             * a :class:`Run`.
 
             Times are seconds; a column of time stamps or, with ``map={"time": "t,unit=ns"}``, of whole nanoseconds is exact at any epoch.
-            A null is an empty cell: the channel has no sample at that time. NaN is an error.
+            A null is an empty cell: the channel has no sample at that time. NaN is an error, except in an array or pandas column whose
+            samples are evenly spaced among NaNs: such a channel has a lower rate, like a thermocouple.
         name: name of a table in messages and model files; by default ``table``. Tables of a list are numbered.
+        nan: ``"empty"``: NaN in arrays and pandas columns is an empty cell.
         options: as on the command line: ``skip_bad_rows`` (bool), ``thesis_txt`` (bool), ``drive`` (``"current_a"`` or ``"command_v"``),
             ``bag_namespace``, ``bag_joint``, ``map`` (dict of channel and source, or list of ``"CHANNEL=SOURCE[,sign=-1][,unit=U]"``),
             ``map_file``.
@@ -43,19 +45,21 @@ def read_runs(source: Any, *, name: Optional[str] = None, **options: Any) -> Lis
     unknown = set(options) - set(load_options())
     if unknown:
         raise TypeError(f"unknown options: {', '.join(sorted(unknown))}; known are {', '.join(load_options())}")
+    if nan not in ("error", "empty"):
+        raise UsageError(f'nan is {nan!r}; give "error" or "empty"', "usage", {"name": "nan"})
     words = load_words(options)
     if is_one(source):
-        return [_read(source, name or "table", words)]
+        return [_read(source, name or "table", nan, words)]
     if isinstance(source, Iterable):
-        return [_read(one, f"{name or 'table'}[{index}]", words) for index, one in enumerate(source)]
+        return [_read(one, f"{name or 'table'}[{index}]", nan, words) for index, one in enumerate(source)]
     raise _not_a_run(source)
 
 
-def read_run(source: Any, *, name: Optional[str] = None, **options: Any) -> Run:
+def read_run(source: Any, *, name: Optional[str] = None, nan: str = "error", **options: Any) -> Run:
     """Read one run; see :func:`read_runs`."""
     if not is_one(source):
         raise _not_a_run(source)
-    return read_runs(source, name=name, **options)[0]
+    return read_runs(source, name=name, nan=nan, **options)[0]
 
 
 def load_options() -> Any:
@@ -73,14 +77,13 @@ def _is_pandas(source: Any) -> bool:
     return type(source).__module__.partition(".")[0] == "pandas" and hasattr(source, "columns")
 
 
-def _read(source: Any, name: str, words: List[str]) -> Run:
+def _read(source: Any, name: str, nan: str, words: List[str]) -> Run:
     if isinstance(source, Run):
         return source
     if isinstance(source, (str, os.PathLike)):
         run = Run.read(os.fspath(source), words)
     elif isinstance(source, Mapping) or _is_pandas(source):
-        columns = [(str(key), *_arrays.column(str(key), source[key])) for key in _keys(source)]
-        run = Run.from_columns(name, columns, words)
+        run = _of_columns(source, name, nan, words)
     elif hasattr(source, "__arrow_c_stream__"):
         run = Run.from_arrow(name, source, words)
     else:
@@ -88,6 +91,17 @@ def _read(source: Any, name: str, words: List[str]) -> Run:
     for note in run.notes:
         warn(f"{run.name}: {note}")
     return run
+
+
+def _of_columns(source: Any, name: str, nan: str, words: List[str]) -> Run:
+    columns = [(str(key), *_arrays.column(str(key), source[key], "e" if nan == "empty" else "n")) for key in _keys(source)]
+    try:
+        return Run.from_columns(name, columns, words)
+    except Error as error:
+        if error.code != "row" or error.fields.get("value") != "NaN":
+            raise
+        advice = '; or give nan="empty" to read_runs if NaN means that the channel has no sample'
+        raise type(error)(f"{error}{advice}", error.code, error.fields) from None
 
 
 def _keys(source: Any) -> List[Any]:
