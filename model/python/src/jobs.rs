@@ -96,7 +96,6 @@ pub(crate) fn evaluate(
 /// Diagnoses the base of `--base` in `words`, or `base` in its place, on the runs of each role (`estimate`, `confirm`, ...). Returns the
 /// JSON, the report, the text, and the augmented model if an effect was found.
 #[pyfunction]
-#[expect(clippy::type_complexity, reason = "four results")]
 pub(crate) fn close(
     py: Python<'_>,
     words: Vec<String>,

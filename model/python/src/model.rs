@@ -99,17 +99,8 @@ impl Model {
         })?;
         let columns = PyDict::new(py);
         columns.set_item("time_ns", ints(py, rows.iter().map(|row| row.stamp.nanos())))?;
-        let numbers: [(&str, fn(&PredictedRow) -> f64); 7] = [
-            ("estimate_n", |row| row.estimate_n),
-            ("simulation_n", |row| row.simulation_n),
-            ("one_step_n", |row| row.one_step_n),
-            ("band_low_n", |row| row.band_n[0]),
-            ("band_high_n", |row| row.band_n[1]),
-            ("measured_n", |row| row.measured_n),
-            ("residual_n", |row| row.residual_n),
-        ];
-        for (name, number) in numbers {
-            columns.set_item(name, floats(py, rows.iter().map(number)))?;
+        for (index, name) in NUMBERS.into_iter().enumerate() {
+            columns.set_item(name, floats(py, rows.iter().map(|row| numbers(row)[index])))?;
         }
         columns
             .set_item("band_calibrated", rows.iter().map(|row| row.band_calibrated).collect::<Vec<_>>())?;
@@ -118,6 +109,16 @@ impl Model {
         columns.set_item("reasons", rows.iter().map(reasons).collect::<Vec<_>>())?;
         Ok(columns)
     }
+}
+
+/// Names of the columns with numbers.
+const NUMBERS: [&str; 7] =
+    ["estimate_n", "simulation_n", "one_step_n", "band_low_n", "band_high_n", "measured_n", "residual_n"];
+
+/// The numbers of a row, in the order of [`NUMBERS`].
+fn numbers(row: &PredictedRow) -> [f64; 7] {
+    let [low_n, high_n] = row.band_n;
+    [row.estimate_n, row.simulation_n, row.one_step_n, low_n, high_n, row.measured_n, row.residual_n]
 }
 
 fn reasons(row: &PredictedRow) -> String {
@@ -176,21 +177,11 @@ impl Stepper {
         let row = estimate.map(|estimate| {
             let of_same = residual.filter(|residual| residual.stamp == estimate.stamp);
             let row = PredictedRow::of(&estimate, of_same.as_ref());
-            let [low_n, high_n] = row.band_n;
-            let numbers = [
-                row.estimate_n,
-                row.simulation_n,
-                row.one_step_n,
-                low_n,
-                high_n,
-                row.measured_n,
-                row.residual_n,
-            ];
-            (numbers, row.band_calibrated, row.mode.name(), row.validity.name(), reasons(&row))
+            (numbers(&row), row.band_calibrated, row.mode.name(), row.validity.name(), reasons(&row))
         });
         Ok((row, refused))
     }
 }
 
-/// Numbers of a row in the order of the columns, whether its band is calibrated, mode, validity, and reasons.
+/// Numbers of a row in the order of [`NUMBERS`], whether its band is calibrated, mode, validity, and reasons.
 type StepRow = ([f64; 7], bool, &'static str, &'static str, String);

@@ -63,7 +63,6 @@ impl Run {
     /// The run with these channels: stamps (nanoseconds, int64) and values (float64) as bytes for each name, as [`Run::traces`] gives
     /// them. `drive` is the name of the channel that is the drive.
     #[staticmethod]
-    #[expect(clippy::needless_pass_by_value, reason = "Python gives values")]
     fn from_traces(
         name: String,
         sha256: [u8; 32],

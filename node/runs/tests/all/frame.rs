@@ -14,8 +14,7 @@ fn refused(columns: &[Column]) -> RunError {
 fn a_table_is_the_run_of_its_canonical_csv_file() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let path = dir.path().join("run.csv");
-    let text =
-        "time_s,displacement_m,force_n,current_a,case_temp_c\n0,0.001,-12.5,1.2,20\n0.001953125,0.002,3e-9,1.2,\n0.3,0.0025,7,1.2,21.5\n";
+    let text = "time_s,displacement_m,force_n,current_a,case_temp_c\n0,0.001,-12.5,1.2,20\n0.001953125,0.002,3e-9,1.2,\n0.3,0.0025,7,1.2,21.5\n";
     std::fs::write(&path, text).expect("room");
     let of_file = load(&path, &LoadOptions::default()).expect("a run");
     let table = [
@@ -62,7 +61,9 @@ fn errors_name_row_column_and_value() {
     let error = refused(&[time.clone(), floats("displacement_furlong", &[0.0; 3])]);
     assert!(error.to_string().contains("displacement_m, displacement_mm, displacement_in"), "{error}");
     let too_late = Values::Integers(vec![0, i64::MAX / 1_000_000, 1]);
-    let error =
-        refused(&[Column { name: "time_s".to_owned(), values: too_late }, floats("displacement_m", &[0.0; 3])]);
+    let error = refused(&[
+        Column { name: "time_s".to_owned(), values: too_late },
+        floats("displacement_m", &[0.0; 3]),
+    ]);
     assert!(matches!(&error, RunError::Row { row: 1, .. }), "{error}");
 }
