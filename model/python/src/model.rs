@@ -9,6 +9,7 @@ use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
 use mr_damper_node::NodeError;
+use mr_damper_node::commands::fis;
 use mr_damper_node::commands::predict::{PredictedRow, predict};
 use mr_damper_node::estimation::models;
 use mr_damper_runs::write_text;
@@ -58,10 +59,16 @@ impl Model {
         serde_json::to_string(&table).map_err(|error| PyValueError::new_err(error.to_string()))
     }
 
-    /// Writes the model file.
+    /// Writes the model file or, if the name of the file ends in .fis, the FIS file of a model of fuzzy rules.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        let text = self.to_toml(py)?;
-        py.detach(|| write_text(&path, &text)).map_err(|error| exception(py, &NodeError::from(error)))
+        let write = || -> Result<(), NodeError> {
+            let text = match fis::is_fis(&path) {
+                true => fis::text_of(&self.0.model, &path.to_string_lossy())?,
+                false => self.0.to_toml()?,
+            };
+            Ok(write_text(&path, &text)?)
+        };
+        py.detach(write).map_err(|error| exception(py, &error))
     }
 
     #[getter]

@@ -112,6 +112,20 @@ def test_the_inverse_and_the_report_are_those_of_the_command(files, tmp_path, co
     assert "srcdoc" in model.result_._repr_html_()
 
 
+def test_the_fis_file_is_that_of_the_command(files, tmp_path, command, fitted):
+    words = ["--model", "anfis", "--passive", "--restarts", "1"]
+    command("--quiet", "identify", *words, files[0], "--out", tmp_path / "model.toml", "--fis", tmp_path / "model.fis")
+    model = mr_damper.identify(files[0], "anfis", passive=True, restarts=1)
+    assert_same_model(tmp_path / "model.toml", model, tmp_path)
+    (tmp_path / "own").mkdir()
+    model.save(tmp_path / "own" / "model.fis")
+    name = re.compile(r"(?m)^Name=.*$")
+    own, written = (name.sub("", (tmp_path / path).read_text()) for path in ("own/model.fis", "model.fis"))
+    assert own == written
+    with pytest.raises(mr_damper.Error, match="fuzzy rules|rules"):
+        fitted.save(tmp_path / "other.fis")
+
+
 def without_seconds(page):
     """The report without the measured time."""
     return re.sub(r"\d+\.\d s", "T s", page)

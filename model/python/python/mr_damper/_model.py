@@ -296,7 +296,10 @@ class DamperModel:
     # files
 
     def save(self, path: Union[str, "os.PathLike[str]"]) -> None:
-        """Write the model file, the same as ``mr-damper identify --out`` writes."""
+        """Write the model file, the same as ``mr-damper identify --out`` writes.
+
+        If the name ends in ``.fis``, the FIS file of MATLAB is written, for models of fuzzy rules (``--fis``).
+        """
         self._fitted().save(os.fspath(path))
 
     @classmethod
