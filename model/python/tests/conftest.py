@@ -10,7 +10,7 @@ import pytest
 import mr_damper
 
 #: Recorded runs, which are not part of the repository.
-DATA = pathlib.Path(os.environ.get("MR_DAMPER_DATA", "/work/shared/data"))
+DATA = pathlib.Path(os.environ.get("MR_DAMPER_DATA") or pathlib.Path(__file__).resolve().parents[4] / "shared/data")
 
 
 @pytest.fixture(scope="session")

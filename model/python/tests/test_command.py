@@ -79,7 +79,7 @@ def test_fit_predict_and_evaluate_on_recorded_runs(name, tmp_path, command):
     for run in training + held_out:
         command("--quiet", "predict", out, run, "--out", tmp_path / f"{run.stem}.csv", *load)
         assert_same_forces(tmp_path / f"{run.stem}.csv", model.predictions(run))
-    # All runs of the set, also those of the other kind of drive or sign: both give the same figures, or the same error.
+    # All runs of the set, also runs with another drive or sign: both give the same figures, or the same error.
     runs = sorted((DATA / name).glob("*.csv"))
     done = command("evaluate", out, *runs, "--json", *load, check=False)
     try:
