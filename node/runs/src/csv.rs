@@ -107,6 +107,46 @@ fn read_thesis<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> 
     Ok(table)
 }
 
+/// The fields of one row.
+pub(super) trait Row {
+    /// Number of fields.
+    fn len(&self) -> usize;
+
+    /// True if the field has no value.
+    fn is_empty(&self, field: usize) -> bool;
+
+    /// The field as a number, finite or not; `None` if it is not a number.
+    fn number(&self, field: usize) -> Option<f64>;
+
+    /// The field as a time in a unit of ten to the power of `exponent` seconds; `None` if it is not a time within 292 years.
+    fn nanos(&self, field: usize, exponent: i32) -> Option<i64>;
+
+    /// The field as text, for messages.
+    fn text(&self, field: usize) -> String;
+}
+
+impl Row for ByteRecord {
+    fn len(&self) -> usize {
+        ByteRecord::len(self)
+    }
+
+    fn is_empty(&self, field: usize) -> bool {
+        self[field].is_empty()
+    }
+
+    fn number(&self, field: usize) -> Option<f64> {
+        number(&self[field])
+    }
+
+    fn nanos(&self, field: usize, exponent: i32) -> Option<i64> {
+        parse_nanos(std::str::from_utf8(&self[field]).unwrap_or_default(), exponent)
+    }
+
+    fn text(&self, field: usize) -> String {
+        String::from_utf8_lossy(&self[field]).into_owned()
+    }
+}
+
 /// Use of a column.
 #[derive(Debug, Clone, Copy)]
 enum Use {
@@ -152,7 +192,7 @@ impl Reading {
 }
 
 /// A table while it is read.
-struct Table<'a> {
+pub(super) struct Table<'a> {
     path: &'a Path,
     headers: Vec<String>,
     columns: Vec<Reading>,
@@ -170,7 +210,7 @@ struct Table<'a> {
 }
 
 impl<'a> Table<'a> {
-    fn from_header(
+    pub(super) fn from_header(
         path: &'a Path,
         line: u64,
         header: &ByteRecord,
@@ -292,7 +332,7 @@ impl<'a> Table<'a> {
     }
 
     /// Adds a row. A bad row is an error, or is dropped with `skip_bad_rows`.
-    fn push(&mut self, line: u64, row: &ByteRecord) -> Result<(), RunError> {
+    pub(super) fn push(&mut self, line: u64, row: &impl Row) -> Result<(), RunError> {
         match self.check(line, row) {
             Ok(nanos) => {
                 self.last = Some(nanos);
@@ -319,26 +359,25 @@ impl<'a> Table<'a> {
     }
 
     /// Parses a row into `self.values` and returns its time in nanoseconds.
-    fn check(&mut self, line: u64, row: &ByteRecord) -> Result<i64, RunError> {
+    fn check(&mut self, line: u64, row: &impl Row) -> Result<i64, RunError> {
         let path = || self.path.to_owned();
         let cell = |field: usize, why| RunError::Cell {
             path: path(),
             line,
             column: self.headers[field].clone(),
-            value: String::from_utf8_lossy(&row[field]).into_owned(),
+            value: row.text(field),
             why,
         };
         if row.len() != self.headers.len() {
             let hint = match self.headers.get(row.len()) {
                 Some(header) => format!("no value for `{header}`"),
-                None => format!("`{}` is one too many", String::from_utf8_lossy(&row[self.headers.len()])),
+                None => format!("`{}` is one too many", row.text(self.headers.len())),
             };
             let (found, expected) = (row.len(), self.headers.len());
             return Err(RunError::RowLength { path: path(), line, found, expected, hint });
         }
         let (time_field, unit) = self.time;
-        let time = std::str::from_utf8(&row[time_field]).unwrap_or_default();
-        let nanos = parse_nanos(time, unit.exponent).ok_or_else(|| {
+        let nanos = row.nanos(time_field, unit.exponent).ok_or_else(|| {
             let in_seconds = unit == TIME[0];
             cell(
                 time_field,
@@ -350,21 +389,21 @@ impl<'a> Table<'a> {
             )
         })?;
         if let Some(last) = self.last.filter(|&last| nanos <= last) {
-            let value = if unit == TIME[0] { time.to_owned() } else { seconds_text(nanos) };
+            let value = if unit == TIME[0] { row.text(time_field) } else { seconds_text(nanos) };
             let (column, previous) = (self.headers[time_field].clone(), seconds_text(last));
             return Err(RunError::TimeOrder { path: path(), line, column, value, previous });
         }
         self.values.clear();
         for column in &self.columns {
-            let field = &row[column.field];
             let value = match &column.what {
-                _ if field.is_empty() => None,
+                _ if row.is_empty(column.field) => None,
                 Use::Time => None,
                 Use::Known(_, convert) => {
-                    let raw = number(field).ok_or_else(|| cell(column.field, "is not a number"))?;
+                    let raw =
+                        row.number(column.field).ok_or_else(|| cell(column.field, "is not a number"))?;
                     Some(convert.apply(raw))
                 }
-                Use::Other => Some(number(field).ok_or_else(|| {
+                Use::Other => Some(row.number(column.field).ok_or_else(|| {
                     cell(
                         column.field,
                         "is not a number, and only numbers are carried through: remove the column",
@@ -382,7 +421,7 @@ impl<'a> Table<'a> {
         Ok(nanos)
     }
 
-    fn into_run(self, options: &LoadOptions, notes: &mut Vec<Note>) -> Result<Run, RunError> {
+    pub(super) fn into_run(self, options: &LoadOptions, notes: &mut Vec<Note>) -> Result<Run, RunError> {
         let path = self.path;
         if self.skipped > self.kept {
             let (skipped, kept) = (self.skipped, self.kept);

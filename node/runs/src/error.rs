@@ -52,6 +52,31 @@ pub enum RunError {
         /// The fault, and advice.
         why: String,
     },
+    /// The columns of a table in memory do not describe a run.
+    #[error("{}: {why}", path.display())]
+    Table {
+        /// Name of the table.
+        path: PathBuf,
+        /// The fault, and advice.
+        why: String,
+    },
+    /// A cell of a table in memory cannot be used.
+    #[error(
+        "{}, row {row}, column `{column}`: `{value}` {why}; correct it, or drop such rows with skip_bad_rows",
+        path.display()
+    )]
+    Row {
+        /// Name of the table.
+        path: PathBuf,
+        /// Row, from 0.
+        row: u64,
+        /// Name of the column.
+        column: String,
+        /// The cell as text.
+        value: String,
+        /// The fault.
+        why: String,
+    },
     /// A cell cannot be read as a time or as a finite number.
     #[error(
         "{}, line {line}, column `{column}`: `{value}` {why}; correct it, or drop such rows with \

@@ -1,7 +1,7 @@
-//! SHA-256 of a file, computed while it is read.
+//! SHA-256 of a file, computed while it is read, or of what a file would contain.
 
 use sha2::{Digest, Sha256};
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 
 /// A hash over one or several files, each read through a [`HashingReader`].
 #[derive(Default)]
@@ -36,5 +36,25 @@ impl<R: Read> Read for HashingReader<'_, R> {
         let count = self.inner.read(buffer)?;
         self.hash.0.update(&buffer[..count]);
         Ok(count)
+    }
+}
+
+/// A sink that hashes all bytes and keeps none.
+pub(super) struct HashingWriter<'a>(&'a mut Hash);
+
+impl<'a> HashingWriter<'a> {
+    pub(super) fn new(hash: &'a mut Hash) -> Self {
+        Self(hash)
+    }
+}
+
+impl Write for HashingWriter<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.0.update(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }

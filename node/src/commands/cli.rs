@@ -108,12 +108,18 @@ impl Command {
 /// Runs the command line `arguments` (without the program's name).
 #[must_use]
 pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
+    ExitCode::from(exit_code(arguments))
+}
+
+/// The same as [`main`] with the exit code as a number, for a host that ends the process itself.
+#[must_use]
+pub fn exit_code(arguments: impl IntoIterator<Item = String>) -> u8 {
     let arguments: Vec<String> = arguments.into_iter().collect();
     let (plain, ros_args) = match RosArgs::split(arguments.iter().cloned()) {
         Ok(split) => split,
         Err(error) => {
             eprintln!("{}", shown::error(&error));
-            return ExitCode::from(2);
+            return 2;
         }
     };
     let cli = match Cli::try_parse_from(std::iter::once("mr-damper".to_owned()).chain(plain)) {
@@ -126,7 +132,7 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
             {
                 eprintln!("\n{}", shown::line(&hint));
             }
-            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+            return u8::try_from(error.exit_code()).unwrap_or(2);
         }
     };
     let level = match (&ros_args.log_level, cli.quiet) {
@@ -137,10 +143,10 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
     let outputs = Outputs { stderr: ros_args.stdout_logs, rosout: ros_args.rosout_logs };
     logging::start(cli.log_format, level, outputs);
     match run(cli, ros_args) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(error) => {
             eprintln!("{}", shown::error(&error));
-            if error.is_wrong_usage() { ExitCode::from(2) } else { ExitCode::FAILURE }
+            if error.is_wrong_usage() { 2 } else { 1 }
         }
     }
 }
@@ -170,7 +176,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
     };
     command.check_ros_args(&ros_args)?;
     let ros_args = ros_args.for_node(command.node_name());
-    let context = CliContext { interrupt: Interrupt::install()?, quiet: cli.quiet, ros_args };
+    let context = CliContext { interrupt: Interrupt::install()?, quiet: cli.quiet, ros_args, progress: None };
     match command {
         Command::Demo(args) => demo::run(&args, &context),
         Command::Node(args) => node::run(&args, &context),

@@ -188,7 +188,7 @@ fn on_runs(args: &RecordedArgs, output: &OutputArgs, context: &CliContext) -> Re
     roles::check_counts(args)?;
     write::check_targets(args, output)?;
     let base = Base::of(args)?;
-    let working = Working::new(context.quiet);
+    let working = Working::of(context);
     let given = roles::load(args, &base, context, &working)?;
     if args.test.is_empty() {
         tracing::warn!(

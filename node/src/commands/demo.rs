@@ -528,8 +528,12 @@ mod tests {
             domain_id: Some(94),
             ..Args::default()
         };
-        let context =
-            CliContext { interrupt: Interrupt::manual(), quiet: true, ros_args: RosArgs::default() };
+        let context = CliContext {
+            interrupt: Interrupt::manual(),
+            quiet: true,
+            ros_args: RosArgs::default(),
+            progress: None,
+        };
         let outcome = run_demo(&args, &context).expect("the demo succeeds");
 
         let raised = outcome.recording.alarms.iter().filter(|change| change.raised).count();

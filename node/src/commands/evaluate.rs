@@ -11,9 +11,9 @@ use crate::settings::error::NodeError;
 use mr_damper_base::shown;
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::metrics::Fit;
-use mr_damper_model::model_file::{Provenance, Role};
+use mr_damper_model::model_file::{ModelFile, Provenance, Role};
 use mr_damper_reports::evaluate::{RunReport, figures};
-use mr_damper_runs::write_text;
+use mr_damper_runs::{Loaded, write_text};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -52,8 +52,9 @@ pub struct Args {
     pub load: RunArgs,
 }
 
+/// The figures of a model on several runs, as they are written to JSON.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+pub struct Report<'a> {
     schema: &'static str,
     model: &'a str,
     runs: Vec<EvaluatedRun>,
@@ -64,7 +65,7 @@ struct Report<'a> {
 
 /// A run with the model's errors.
 #[derive(Debug, Serialize)]
-struct EvaluatedRun {
+pub struct EvaluatedRun {
     #[serde(flatten)]
     figures: RunReport,
     /// Purpose that the run served when the model was made.
@@ -72,7 +73,25 @@ struct EvaluatedRun {
     used_as: Option<Role>,
 }
 
+impl<'a> Report<'a> {
+    /// The figures of the model that is called `model`, and their totals.
+    #[must_use]
+    pub fn of(model: &'a str, runs: Vec<EvaluatedRun>) -> Self {
+        let other_runs = Totals::of(&runs);
+        Self { schema: "mr-damper/evaluate/1", model, runs, other_runs }
+    }
+}
+
 impl EvaluatedRun {
+    /// The figures of the model in `file` on a run called `name`.
+    ///
+    /// # Errors
+    /// When the run lacks a channel that the model needs, or its drive is of another kind.
+    pub fn of(name: String, file: &ModelFile, loaded: &Loaded) -> Result<Self, NodeError> {
+        let used_as = used_as(&file.provenance, &loaded.sha256_hex());
+        Ok(Self { figures: figures(name, file.model, &loaded.run)?, used_as })
+    }
+
     /// True if the model depends on the run. Test runs were only read.
     fn is_fitted(&self) -> bool {
         self.used_as.is_some_and(|role| role != Role::Test)
@@ -127,17 +146,16 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         return relation::run(args, &relation, context);
     }
     let mut file = models::load_whole(&args.model)?;
-    let model = file.model;
-    let mut calibrator = Calibrator::new(model);
+    let mut calibrator = Calibrator::new(file.model);
     let mut reports = Vec::with_capacity(args.runs.len());
     for path in &args.runs {
         if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
         let loaded = args.load.load(path)?;
-        let used_as = used_as(&file.provenance, &loaded.sha256_hex());
-        let figures = figures(path.display().to_string(), model, &loaded.run)?;
-        reports.push(EvaluatedRun { figures, used_as });
+        let report = EvaluatedRun::of(path.display().to_string(), &file, &loaded)?;
+        let used_as = report.used_as;
+        reports.push(report);
         if args.calibrate.is_some() {
             if matches!(used_as, Some(Role::Base | Role::Estimate)) {
                 tracing::warn!(
@@ -148,8 +166,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             calibrator.add(&loaded.run)?;
         }
     }
-    let other_runs = Totals::of(&reports);
-    let report = Report { schema: "mr-damper/evaluate/1", model: &args.model, runs: reports, other_runs };
+    let report = Report::of(&args.model, reports);
     match &args.json {
         Some(path) => output::json(path, &report)?,
         None => print!("{}", shown::lines(&table(&report, args.units.units))),

@@ -50,7 +50,8 @@ pub struct ScaleArgs {
 }
 
 /// True if the name of the file at `path` ends in .fis.
-pub(super) fn is_fis(path: &Path) -> bool {
+#[must_use]
+pub fn is_fis(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("fis"))
 }
 
@@ -192,7 +193,10 @@ pub(super) fn fis_text(name: &str) -> Result<String, NodeError> {
 }
 
 /// The text of the FIS file for `model`, which is called `name`. It reads back as a system with the same surface.
-pub(super) fn text_of(model: &Model, name: &str) -> Result<String, NodeError> {
+///
+/// # Errors
+/// When the model has no fuzzy rules, or a FIS file cannot hold it.
+pub fn text_of(model: &Model, name: &str) -> Result<String, NodeError> {
     let rules = rules_of(model, name)?;
     if !model.effects.is_empty() {
         return Err(FisError::HasEffects { name: name.to_owned() }.into());

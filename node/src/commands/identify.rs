@@ -116,8 +116,9 @@ fn names() -> Vec<&'static str> {
     Structure::all().into_iter().map(Structure::name).collect()
 }
 
+/// The figures of an identification, as they are written to JSON.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+pub struct Report<'a> {
     schema: &'static str,
     model: &'a str,
     form: &'static str,
@@ -139,7 +140,7 @@ struct Report<'a> {
     restart_rsse_n: &'a [f64],
     /// The inverse model; absent if none was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
-    inverse: Option<InverseReport>,
+    inverse: Option<&'a InverseReport>,
 }
 
 /// The identified inverse model and the errors of its current.
@@ -200,16 +201,7 @@ struct RunReport<'a> {
 /// When a run does not load, the model cannot be identified from the runs, or a file cannot be written; when interrupted,
 /// in which case nothing is written.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
-    let form = match (args.passive, args.fuzzy, args.free_sets) {
-        (true, _, _) => Form::Passive,
-        (false, _, true) => Form::FreeFuzzy,
-        (false, true, false) => Form::Fuzzy,
-        (false, false, false) => Form::SemiActive,
-    };
-    let mut spec = ModelSpec::named(&args.model, form)?;
-    if let Some(fit) = args.fit.as_deref().and_then(Variant::named) {
-        spec = spec.with_variant(fit)?;
-    }
+    let spec = spec(args)?;
     if let Some(path) = &args.fis {
         fis::check_rules(spec.structure())?;
         if !fis::is_fis(path) {
@@ -228,72 +220,157 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let loaded = args.runs.iter().map(|path| args.load.load(path)).collect::<Result<Vec<_>, _>>()?;
     let (runs, hashes): (Vec<Run>, Vec<String>) =
         loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
-    let start = Instant::now();
-    let mut found = fit(spec, &runs, args, context)?;
-    let seconds = start.elapsed().as_secs_f64();
-    let mut inverse = fit_inverse(&mut found, &runs, args, context)?;
-    let held_out = args
-        .validate
-        .iter()
-        .map(|path| Ok(args.load.load(path)?.run))
-        .collect::<Result<Vec<_>, NodeError>>()?;
-    let validation = validate(&mut found, &held_out, context)?;
-    if let Some((report, model)) = inverse.as_mut().zip(found.model.inverse) {
-        report.validation = score_inverse(&model, &found.model, &held_out, &args.conditioning.dataset())?;
-    }
-    let file = ModelFile { model: found.model, provenance: provenance(args, &found, &hashes, validation) };
-    let fis_text =
-        args.fis.as_ref().map(|path| fis::text_of(&found.model, &path.to_string_lossy())).transpose()?;
-    let written = format.map(|format| -> Result<String, NodeError> {
-        let draws = match args.bootstrap {
-            Some(draws) => Some(bootstrap(spec, &found, &runs, draws, args, context)?),
-            None => None,
-        };
-        let (coefficients, notes) = fitted::rows(&found, runs.len(), draws)?;
-        Ok(coefficients::table(&coefficients, format, &notes))
-    });
-    let written = written.transpose()?;
-    write_text(&args.out, &file.to_toml()?)?;
-    if let (Some(path), Some(text)) = (&args.coefficients, written) {
+    let load = |path: &PathBuf| Ok(args.load.load(path)?.run);
+    let held_out = || args.validate.iter().map(load).collect();
+    let (found, held_out) = Identification::of(spec, (&runs, &hashes), held_out, args, context)?;
+    let model = &found.file.model;
+    let fis_text = args.fis.as_ref().map(|path| fis::text_of(model, &path.to_string_lossy())).transpose()?;
+    let coefficients = format.map(|format| found.coefficients(&runs, format, args, context)).transpose()?;
+    write_text(&args.out, &found.file.to_toml()?)?;
+    if let (Some(path), Some(text)) = (&args.coefficients, coefficients) {
         write_text(path, &text)?;
     }
     if let (Some(path), Some(text)) = (&args.fis, fis_text) {
         write_text(path, &text)?;
     }
-    let report = Report {
-        schema: "mr-damper/identify/1",
-        model: found.model.force.name(),
-        form: spec.form().name(),
-        parameters: found.model.force.parameter_count(),
-        restarts: args.restarts,
-        seed: args.seed,
-        seconds,
-        rank: found.rank,
-        velocity: velocity_text(found.model.conditioning.velocity, found.model.conditioning.slope_window_s),
-        velocity_trials: found
-            .velocity_trials
-            .iter()
-            .map(|trial| VelocityReport {
-                velocity: velocity_text(trial.velocity, trial.slope_window_s),
-                mean_esr: trial.mean_esr,
-            })
-            .collect(),
-        training: Scores {
-            free_run: found.free_run,
-            one_step: found.one_step,
-            persistence: found.persistence,
-        },
-        validation,
-        band_calibrated: found.model.expected.uncertainty.is_some(),
-        runs: found.runs.iter().map(run_report).collect(),
-        active_bounds: found.active_bounds.iter().map(|b| format!("{} = {}", b.parameter, b.value)).collect(),
-        warnings: &found.warnings,
-        estimates: found.parameters.iter().map(Estimate::of).collect(),
-        restart_rsse_n: &found.restart_rsse_n,
-        inverse,
-    };
-    args.output.page(|| Ok(page::html(&pictured(&found.model, &runs, &held_out, &report)?)))?;
+    args.output.page(|| found.page(&runs, &held_out))?;
+    let report = found.report();
     args.output.figures(&report, || table(&report, &args.out))
+}
+
+/// The model that `args` ask for.
+///
+/// # Errors
+/// When the model does not have this form or variant.
+pub fn spec(args: &Args) -> Result<ModelSpec, NodeError> {
+    let form = match (args.passive, args.fuzzy, args.free_sets) {
+        (true, _, _) => Form::Passive,
+        (false, _, true) => Form::FreeFuzzy,
+        (false, true, false) => Form::Fuzzy,
+        (false, false, false) => Form::SemiActive,
+    };
+    let spec = ModelSpec::named(&args.model, form)?;
+    match args.fit.as_deref().and_then(Variant::named) {
+        Some(fit) => Ok(spec.with_variant(fit)?),
+        None => Ok(spec),
+    }
+}
+
+/// An identified model, its inverse model if one was asked for, and their errors on the training and validation runs.
+#[derive(Debug)]
+pub struct Identification {
+    /// The model file.
+    pub file: ModelFile,
+    spec: ModelSpec,
+    /// Its model is the one in the file.
+    found: Identified,
+    inverse: Option<InverseReport>,
+    validation: Option<Scores>,
+    seconds: f64,
+    restarts: u32,
+    seed: u64,
+}
+
+impl Identification {
+    /// Identifies `spec` with the options of `args` from `runs` (each with the SHA-256 of its source), and scores it on the runs of
+    /// `held_out`, which are read after the fit and returned. The paths in `args` are not used.
+    ///
+    /// # Errors
+    /// When the model cannot be identified from the runs, or the errors of `held_out`; [`NodeError::Interrupted`].
+    pub fn of(
+        spec: ModelSpec,
+        (runs, hashes): (&[Run], &[String]),
+        held_out: impl FnOnce() -> Result<Vec<Run>, NodeError>,
+        args: &Args,
+        context: &CliContext,
+    ) -> Result<(Self, Vec<Run>), NodeError> {
+        let start = Instant::now();
+        let mut found = fit(spec, runs, args, context)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let mut inverse = fit_inverse(&mut found, runs, args, context)?;
+        let held_out = held_out()?;
+        let validation = validate(&mut found, &held_out, context)?;
+        if let Some((report, model)) = inverse.as_mut().zip(found.model.inverse) {
+            report.validation = score_inverse(&model, &found.model, &held_out, &args.conditioning.dataset())?;
+        }
+        let provenance = provenance(args, &found, hashes, validation);
+        let file = ModelFile { model: found.model, provenance };
+        let (restarts, seed) = (args.restarts, args.seed);
+        Ok((Self { file, spec, found, inverse, validation, seconds, restarts, seed }, held_out))
+    }
+
+    /// The figures, for JSON.
+    #[must_use]
+    pub fn report(&self) -> Report<'_> {
+        let Self { found, inverse, .. } = self;
+        let conditioning = &found.model.conditioning;
+        Report {
+            schema: "mr-damper/identify/1",
+            model: found.model.force.name(),
+            form: self.spec.form().name(),
+            parameters: found.model.force.parameter_count(),
+            restarts: self.restarts,
+            seed: self.seed,
+            seconds: self.seconds,
+            rank: found.rank,
+            velocity: velocity_text(conditioning.velocity, conditioning.slope_window_s),
+            velocity_trials: found
+                .velocity_trials
+                .iter()
+                .map(|trial| VelocityReport {
+                    velocity: velocity_text(trial.velocity, trial.slope_window_s),
+                    mean_esr: trial.mean_esr,
+                })
+                .collect(),
+            training: Scores {
+                free_run: found.free_run,
+                one_step: found.one_step,
+                persistence: found.persistence,
+            },
+            validation: self.validation,
+            band_calibrated: found.model.expected.uncertainty.is_some(),
+            runs: found.runs.iter().map(run_report).collect(),
+            active_bounds: found
+                .active_bounds
+                .iter()
+                .map(|b| format!("{} = {}", b.parameter, b.value))
+                .collect(),
+            warnings: &found.warnings,
+            estimates: found.parameters.iter().map(Estimate::of).collect(),
+            restart_rsse_n: &found.restart_rsse_n,
+            inverse: inverse.as_ref(),
+        }
+    }
+
+    /// The report with plots of the runs as HTML.
+    ///
+    /// # Errors
+    /// When the model cannot be stepped over a run.
+    pub fn page(&self, runs: &[Run], held_out: &[Run]) -> Result<String, NodeError> {
+        Ok(page::html(&pictured(&self.found.model, runs, held_out, &self.report())?))
+    }
+
+    /// The coefficients as a table, with the spread of refits to resampled runs if `args` ask for them.
+    fn coefficients(
+        &self,
+        runs: &[Run],
+        format: Format,
+        args: &Args,
+        context: &CliContext,
+    ) -> Result<String, NodeError> {
+        let draws = match args.bootstrap {
+            Some(draws) => Some(bootstrap(self.spec, &self.found, runs, draws, args, context)?),
+            None => None,
+        };
+        let (coefficients, notes) = fitted::rows(&self.found, runs.len(), draws)?;
+        Ok(coefficients::table(&coefficients, format, &notes))
+    }
+
+    /// Remarks on the fit: what a user should know before using the model.
+    #[must_use]
+    pub fn remarks(&self) -> Vec<String> {
+        remarks(&self.report())
+    }
 }
 
 fn fit(spec: ModelSpec, runs: &[Run], args: &Args, context: &CliContext) -> Result<Identified, NodeError> {
@@ -387,7 +464,7 @@ fn watched<T>(
     context: &CliContext,
     work: impl FnOnce(&Watch) -> Result<T, mr_damper_model::Error>,
 ) -> Result<T, NodeError> {
-    let working = Working::new(context.quiet);
+    let working = Working::of(context);
     let progress = |progress| working.progress(progress);
     let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
     work(&watch).map_err(|error| match error {
@@ -489,7 +566,7 @@ fn remarks(report: &Report<'_>) -> Vec<String> {
         .into_iter()
         .collect();
     remarks.extend(report.warnings.iter().cloned());
-    remarks.extend(report.inverse.iter().flat_map(inverse_remarks));
+    remarks.extend(report.inverse.into_iter().flat_map(inverse_remarks));
     if report.band_calibrated {
         remarks.push("the 90 % band of the estimates is calibrated on the held-out runs".to_owned());
     }

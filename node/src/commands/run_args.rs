@@ -5,6 +5,7 @@ use clap::ValueEnum;
 use mr_damper_model::sample::DriveKind;
 use mr_damper_runs::{ColumnMapping, LoadOptions, Loaded, Map, Mapping, Note, Sign};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// How runs are read.
 // The brackets are for `--help`, which shows them literally.
@@ -62,6 +63,9 @@ pub struct RunArgs {
     /// overrides it.
     #[arg(long, value_name = "FILE.toml")]
     pub map_file: Option<PathBuf>,
+    /// Runs that a caller of this library already holds, by name. A path that is one of these names is not read from disk.
+    #[arg(skip)]
+    pub held: Vec<(PathBuf, Arc<Loaded>)>,
 }
 
 /// A kind of drive, named like its CSV column.
@@ -129,11 +133,20 @@ impl RunArgs {
         Ok(Map::from_toml(&text).map_err(|error| in_file(error.to_string()))?.overridden_by(flags))
     }
 
-    /// Reads the run at `path` and logs its notes as warnings.
+    /// True if the caller holds the run called `path`.
+    #[must_use]
+    pub fn holds(&self, path: &Path) -> bool {
+        self.held.iter().any(|(name, _)| name == path)
+    }
+
+    /// Reads the run at `path` and logs its notes as warnings. A run that the caller holds is taken as it is.
     ///
     /// # Errors
     /// When the run does not load.
     pub fn load(&self, path: &Path) -> Result<Loaded, NodeError> {
+        if let Some((_, held)) = self.held.iter().find(|(name, _)| name == path) {
+            return Ok(Loaded::clone(held));
+        }
         let loaded = mr_damper_runs::load(path, &self.options()?)?;
         log_notes(path, &loaded.notes);
         Ok(loaded)

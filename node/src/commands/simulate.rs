@@ -4,12 +4,14 @@ mod list;
 mod manifest;
 mod plan;
 
+use crate::commands::compare::work::{in_parallel, threads};
 use crate::commands::context::CliContext;
 use crate::settings::error::NodeError;
 use crate::settings::interrupt::Interrupt;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use manifest::Manifest;
 use mr_damper_base::shown;
+use mr_damper_model::sample::Run;
 use mr_damper_runs::SaveOptions;
 use plan::EffectArg;
 pub(super) use plan::{Job, Selection};
@@ -140,6 +142,27 @@ pub(super) fn rig_jobs(
         force: false,
     };
     plan::jobs(&args, selection)
+}
+
+/// Simulates the runs that `args` ask for, in the order of their files, and writes nothing. Each run has the name of its file without
+/// the extension.
+///
+/// # Errors
+/// When no experiment is given, or an argument does not fit it; [`NodeError::Interrupted`].
+pub fn runs(args: &Args, interrupt: &Interrupt) -> Result<Vec<Run>, NodeError> {
+    let Some(selection) = &args.experiment else {
+        return Err(NodeError::Usage(
+            "no experiment is given; `mr-damper simulate --list` lists them".to_owned(),
+        ));
+    };
+    let jobs = plan::jobs(args, selection)?;
+    let recorded = in_parallel(jobs.len(), threads(), |index| {
+        let job = &jobs[index];
+        let run = job.record(interrupt, &mut |_| {}).ok_or(NodeError::Interrupted)?;
+        let name = Path::new(&job.entry.file).with_extension("").display().to_string();
+        Ok(Run { name, ..run })
+    });
+    recorded.into_iter().collect()
 }
 
 /// Simulates the runs and writes them.

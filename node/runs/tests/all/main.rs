@@ -10,6 +10,7 @@ mod run_support;
 mod bag;
 mod csv;
 mod damage;
+mod frame;
 mod kill;
 mod map;
 mod split;

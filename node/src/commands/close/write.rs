@@ -241,8 +241,12 @@ mod tests {
                 given: &[],
                 seconds: 1.0,
             };
-            let context =
-                CliContext { interrupt: Interrupt::manual(), quiet: true, ros_args: RosArgs::default() };
+            let context = CliContext {
+                interrupt: Interrupt::manual(),
+                quiet: true,
+                ros_args: RosArgs::default(),
+                progress: None,
+            };
             all(&recorded, &output, &done, &context).expect("it is written");
             let text = std::fs::read_to_string(&json).expect("JSON");
             let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");

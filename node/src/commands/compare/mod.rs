@@ -206,7 +206,7 @@ fn prepare(args: &Args, context: &CliContext) -> Result<ComparisonPlan, NodeErro
     check_pictures(args, &specs)?;
     let planned = match &args.runs {
         Some(dir) => chosen(runs::discover(dir)?, &args.experiments)?,
-        None => runs::given(&args.train, &args.test)?,
+        None => runs::given(&args.train, &args.test, &args.load)?,
     };
     let options = Options {
         conditioning: args.conditioning.conditioning(FilterArg::Inputs, VelocityArg::Backward)?,

@@ -80,9 +80,16 @@ pub(in crate::commands) fn discover(dir: &Path) -> Result<Vec<PlannedExperiment>
 pub(in crate::commands) fn given(
     train: &[PathBuf],
     test: &[PathBuf],
+    read: &RunArgs,
 ) -> Result<Vec<PlannedExperiment>, NodeError> {
     let mut seen = BTreeSet::new();
     for path in train.iter().chain(test) {
+        if read.holds(path) {
+            if !seen.insert(path.clone()) {
+                return Err(CompareError::RepeatedRun { run: path.clone() }.into());
+            }
+            continue;
+        }
         let whole = path.canonicalize().map_err(NodeError::io(format!("opening {}", path.display())))?;
         if !seen.insert(whole) {
             return Err(CompareError::RepeatedRun { run: path.clone() }.into());
