@@ -134,7 +134,7 @@ def test_errors_have_the_fields_of_their_kind(files):
 def test_every_option_of_identify_is_an_option_of_the_model(command):
     text = command("identify", "--help").stdout
     # In Python, files are written by methods, and progress and logs are the caller's.
-    others = {"out", "fis", "report", "json", "validate", "quiet", "log_format", "help", "version"}
+    others = {"out", "fis", "report", "json", "validate", "quiet", "log_format", "help", "version", "coefficients", "bootstrap"}
     flags = {flag.replace("-", "_") for flag in re.findall(r"^ +(?:-\w, )?--([a-z-]+)", text, re.MULTILINE)} - others
     options = set(inspect.signature(mr_damper.DamperModel).parameters)
     assert {"fit_variant" if flag == "fit" else flag for flag in flags} == options
@@ -178,3 +178,15 @@ def test_the_library_works_without_numpy(files, tmp_path):
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) > 0
+
+
+def test_columns_and_signs_of_others(files):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.read_csv(files[0], comment="#")
+    force = next(name for name in table.columns if name.startswith("force"))
+    other = table.rename(columns={force: "F"})
+    other["F"] = -other["F"]
+    model = mr_damper.DamperModel("sp", restarts=1)
+    expected = model.fit(table).parameters
+    found = mr_damper.DamperModel("sp", restarts=1, column={force: "F"}, sign={"force": -1}).fit(other).parameters
+    assert found == expected

@@ -4,6 +4,7 @@ use super::csv::{Row, Table};
 use super::csv_write;
 use super::decimal::{parse_nanos, push_value, seconds_text};
 use super::hash::{Hash, HashingWriter};
+use super::sign;
 use super::{LoadOptions, Loaded, Note, RunError};
 use csv::ByteRecord;
 use mr_damper_model::sample::Run;
@@ -163,7 +164,8 @@ pub fn from_columns(name: &str, columns: &[Column], options: &LoadOptions) -> Re
         table.push(row as u64, &FrameRow { columns, row }).map_err(of_frame)?;
     }
     let mut notes = Vec::new();
-    let run = table.into_run(options, &mut notes)?;
+    let mut run = table.into_run(options, &mut notes)?;
+    sign::apply(&options.signs, &mut run, path)?;
     of_run(run, notes)
 }
 

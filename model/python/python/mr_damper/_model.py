@@ -67,7 +67,7 @@ class DamperModel:
         slope_window: window of the slope, s.
         rate: rate of the rows, Hz, reached by keeping every n-th sample.
         all_samples: use all samples, not only those in which the damper moves.
-        skip_bad_rows, thesis_txt, drive, bag_namespace, bag_joint, map, map_file: how runs are read; see :func:`mr_damper.read_runs`.
+        skip_bad_rows, thesis_txt, drive, bag_namespace, bag_joint, map, column, sign, map_file: how runs are read; see :func:`mr_damper.read_runs`.
 
     Attributes:
         model_: the identified model (native; immutable).
@@ -106,6 +106,8 @@ class DamperModel:
         bag_namespace: Optional[str] = None,
         bag_joint: Optional[str] = None,
         map: Any = None,
+        column: Any = None,
+        sign: Any = None,
         map_file: Union[str, "os.PathLike[str]", None] = None,
     ) -> None:
         for name, value in list(locals().items()):

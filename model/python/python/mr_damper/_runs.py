@@ -34,7 +34,8 @@ def read_runs(source: Any, *, name: Optional[str] = None, nan: str = "error", **
         nan: ``"empty"``: NaN in arrays and pandas columns is an empty cell.
         options: as on the command line: ``skip_bad_rows`` (bool), ``thesis_txt`` (bool), ``drive`` (``"current_a"`` or ``"command_v"``),
             ``bag_namespace``, ``bag_joint``, ``map`` (dict of channel and source, or list of ``"CHANNEL=SOURCE[,sign=-1][,unit=U]"``),
-            ``map_file``.
+            ``column`` (dict of a name of the run format and the column's own name, such as ``{"force_lbf": "F_lbf"}``), ``sign`` (dict
+            of channel and -1, for a sensor that counts in the opposite direction), ``map_file``.
 
     Returns:
         The runs in order.
