@@ -34,6 +34,38 @@ pub struct Level {
 }
 
 /// The levels of `experiments`, increasing, if each run holds one level and there are at least two; `None` otherwise.
+///
+/// Three sines at one current each, which become three folds:
+///
+/// ```
+/// use mr_damper_model::compare::{Experiment, Finished, Replicate, levels, over_folds, with_folds};
+/// use mr_damper_model::condition::Conditioning;
+/// use mr_damper_model::identify::{Dataset, DatasetOptions};
+/// use mr_damper_model::rig::{self, Channels, Plant, record};
+///
+/// let replicates = [(1, 0.0), (2, 1.2), (3, 2.4)].map(|(number, current_a)| {
+///     let run = record(&rig::Experiment::sine(0.01, 2.0, current_a, 2.0), &Plant::default(), &Channels::default(), 1);
+///     let data = Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default()).expect("a run");
+///     Replicate { number, data }
+/// });
+/// let sines = Experiment { name: "sines".to_owned(), replicates: replicates.to_vec(), training: 1, held_out: Vec::new() };
+/// let found = levels(&[sines.clone()]).expect("one level each");
+/// let all = with_folds(vec![sines], &found, "A");
+/// assert_eq!((found.len(), all.len(), all[1].is_fold()), (3, 4, true));
+///
+/// // A model that failed on a fold has no figure there.
+/// let cell = Finished {
+///     model: "arx".to_owned(),
+///     form: "passive".to_owned(),
+///     trained_on: all[1].name.clone(),
+///     parameters: None,
+///     identification: Vec::new(),
+///     cross_validation: Vec::new(),
+///     warnings: Vec::new(),
+///     failure: Some("too few samples".to_owned()),
+/// };
+/// assert_eq!(over_folds(&[cell], &all)[0].failure.as_deref(), Some("too few samples"));
+/// ```
 #[must_use]
 pub fn levels(experiments: &[Experiment]) -> Option<Vec<Level>> {
     let runs = || {

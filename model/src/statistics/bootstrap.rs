@@ -17,6 +17,14 @@ use rand_pcg::Pcg64Mcg;
 /// Indices of the runs of each of `draws` draws, from `runs` runs; the same for the same `seed`. Empty without runs.
 ///
 /// A draw that holds one run only is drawn again if there are several, because it says nothing about the others.
+///
+/// ```
+/// use mr_damper_model::statistics::bootstrap::resampled_runs;
+///
+/// let draws = resampled_runs(4, 200, 7);
+/// assert!(draws.len() == 200 && draws.iter().all(|runs| runs.len() == 4));
+/// assert_eq!(draws, resampled_runs(4, 200, 7));
+/// ```
 #[must_use]
 pub fn resampled_runs(runs: usize, draws: usize, seed: u64) -> Vec<Vec<usize>> {
     if runs == 0 {

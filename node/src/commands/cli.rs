@@ -10,7 +10,7 @@ use crate::settings::config::RosArgs;
 use crate::settings::error::NodeError;
 use crate::settings::interrupt::Interrupt;
 use crate::streams::player;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use mr_damper_base::shown;
 use std::process::ExitCode;
 
@@ -196,8 +196,8 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Doctor(args) => doctor::run(&args, &context),
         Command::Presets(args) => presets::run(&args),
         Command::Coefficients(args) => coefficients::run(&args),
-        Command::Completions(args) => completions::run(&args),
-        Command::Man(args) => man::run(&args, &context),
+        Command::Completions(args) => completions::run(&args, Cli::command()),
+        Command::Man(args) => man::run(&args, Cli::command(), &context),
         Command::Serve(args) => serve::run(&args, &context),
         Command::Top(args) => top::run(&args, &context),
     }
@@ -207,7 +207,6 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
 mod tests {
     use super::*;
     use crate::settings::config::TABLE;
-    use clap::CommandFactory;
 
     /// True for commands whose help names a run as input (a single value or a list).
     fn reads_runs(command: &clap::Command) -> bool {

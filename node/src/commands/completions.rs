@@ -1,8 +1,7 @@
 //! `mr-damper completions`: completions for a shell.
 
-use crate::commands::cli::Cli;
 use crate::settings::error::NodeError;
-use clap::{CommandFactory, ValueEnum};
+use clap::ValueEnum;
 use clap_complete::Shell;
 use std::io::Write;
 
@@ -31,12 +30,12 @@ enum ShellArg {
     Fish,
 }
 
-/// Prints the completions to stdout.
+/// Prints the completions of `program` to stdout.
 ///
 /// # Errors
 /// When stdout cannot be written.
-pub fn run(args: &Args) -> Result<(), NodeError> {
-    match std::io::stdout().lock().write_all(&completions(args.shell)) {
+pub fn run(args: &Args, program: clap::Command) -> Result<(), NodeError> {
+    match std::io::stdout().lock().write_all(&completions(args.shell, program)) {
         // A closed pipe (`| head`) is not an error.
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(NodeError::io("writing to stdout")(error))
@@ -45,25 +44,27 @@ pub fn run(args: &Args) -> Result<(), NodeError> {
     }
 }
 
-fn completions(shell: ShellArg) -> Vec<u8> {
+fn completions(shell: ShellArg, mut program: clap::Command) -> Vec<u8> {
     let shell = match shell {
         ShellArg::Bash => Shell::Bash,
         ShellArg::Zsh => Shell::Zsh,
         ShellArg::Fish => Shell::Fish,
     };
     let mut text = Vec::new();
-    clap_complete::generate(shell, &mut Cli::command(), "mr-damper", &mut text);
+    clap_complete::generate(shell, &mut program, "mr-damper", &mut text);
     text
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commands::cli::Cli;
+    use clap::CommandFactory;
 
     #[test]
     fn each_shell_completes_commands_and_options() {
         for shell in [ShellArg::Bash, ShellArg::Zsh, ShellArg::Fish] {
-            let text = String::from_utf8(completions(shell)).expect("UTF-8");
+            let text = String::from_utf8(completions(shell, Cli::command())).expect("UTF-8");
             for word in ["identify", "coefficients", "validate", "coast-s", "log-format"] {
                 assert!(text.contains(word), "{shell:?}: {word}");
             }

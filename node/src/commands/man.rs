@@ -1,9 +1,7 @@
 //! `mr-damper man`: man pages of all commands.
 
-use crate::commands::cli::Cli;
 use crate::commands::context::CliContext;
 use crate::settings::error::NodeError;
-use clap::CommandFactory;
 use clap_mangen::Man;
 use mr_damper_base::shown;
 use std::path::PathBuf;
@@ -18,15 +16,15 @@ pub struct Args {
     dir: PathBuf,
 }
 
-/// Writes the pages. Pages that exist are replaced.
+/// Writes the pages of `program`. Pages that exist are replaced.
 ///
 /// # Errors
 /// When the directory or a page cannot be written.
-pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+pub fn run(args: &Args, program: clap::Command, context: &CliContext) -> Result<(), NodeError> {
     let unwritable =
         |error: std::io::Error| NodeError::io(format!("writing man pages to {}", args.dir.display()))(error);
     std::fs::create_dir_all(&args.dir).map_err(unwritable)?;
-    let pages = pages().map_err(unwritable)?;
+    let pages = pages(program).map_err(unwritable)?;
     for (name, text) in &pages {
         std::fs::write(args.dir.join(name), text).map_err(unwritable)?;
     }
@@ -38,8 +36,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
 }
 
 /// File names and texts of the pages.
-fn pages() -> std::io::Result<Vec<(String, Vec<u8>)>> {
-    let mut program = Cli::command().disable_help_subcommand(true);
+fn pages(program: clap::Command) -> std::io::Result<Vec<(String, Vec<u8>)>> {
+    let mut program = program.disable_help_subcommand(true);
     program.build();
     let mut pages = Vec::new();
     for command in std::iter::once(&program).chain(program.get_subcommands()) {
@@ -71,10 +69,12 @@ fn synopsis(command: &clap::Command) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commands::cli::Cli;
+    use clap::CommandFactory;
 
     #[test]
     fn each_command_has_a_page_with_its_options() {
-        let pages = pages().expect("pages");
+        let pages = pages(Cli::command()).expect("pages");
         let commands = Cli::command().get_subcommands().count();
         assert_eq!(pages.len(), commands + 1);
         let page = |name: &str| {
