@@ -1,10 +1,9 @@
 //! Elementary functions with the same result on every platform.
 //!
 //! The standard library takes `exp` and its kind from the platform's C library, and two versions of one library may differ in the last bit.
-//! A model that is exported to C would then not give the bits of the service. The functions here use only +, -, *, / and the bits of a
-//! number, each rounded once (IEEE 754), so they give the same bits wherever these operations are exact to rounding: on any processor, and
-//! in the exported C code, which repeats them line by line (`node/export/src/c/elementary.c`). Contraction into fused operations must be
-//! off, as it always is in Rust.
+//! A model that is exported to C would then differ from the service. The functions here use only +, -, *, / and the bits of a number. Each
+//! operation rounds once (IEEE 754), so the result is the same on every processor. The exported C code repeats the functions line by line
+//! (`node/export/src/c`). Contraction into fused operations must be off, as it always is in Rust.
 //!
 //! ```text
 //! exp x    = 2^e T_j e^r        x = (16 e + j) ln 2 / 16 + r,   |r| <= ln 2 / 32,   T_j = 2^(j/16): Taylor to r^7
@@ -461,7 +460,7 @@ fn cosine_near(r: f64) -> f64 {
     }
     let half = 0.5 * square;
     let one = 1.0 - half;
-    // What the difference lost is added again.
+    // The difference lost some digits, which are added again.
     one + (((1.0 - one) - half) + square * square * series)
 }
 

@@ -13,8 +13,8 @@ pub struct Addresses {
     pub output: u64,
 }
 
-/// The A2L file of `source`. The parameters are those of the variable `parameters_symbol` at `addresses.parameters`, the outputs those of
-/// `output_symbol` at `addresses.output`.
+/// The A2L file of `source`. The variable `parameters_symbol` at `addresses.parameters` holds the parameters, and
+/// `output_symbol` at `addresses.output` the outputs.
 ///
 /// ```
 /// use mr_damper_export::{CExport, a2l};

@@ -13,8 +13,8 @@
 /// ```
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ExportError {
-    /// The name is no identifier of C.
-    #[error("'{name}' is no name for C code: use letters, digits and _, beginning with a letter, at most 40")]
+    /// C does not allow the name.
+    #[error("'{name}' cannot begin the names in C code: use letters, digits and _, beginning with a letter, at most 40")]
     Name {
         /// The name.
         name: String,

@@ -7,7 +7,7 @@ use mr_damper_model::force::{
 };
 use mr_damper_model::sample::DriveKind;
 
-/// What the source of a force model is made of.
+/// The parts of the source of a force model.
 #[derive(Debug, Default)]
 pub(crate) struct Force {
     /// Fragments, besides those that they need.

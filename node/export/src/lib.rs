@@ -26,7 +26,7 @@
 //! code. `mrd_` and `MRD_` become the name of the export, so that several models fit into one program; `@WORD@` becomes what the export
 //! puts there: the number of an effect (`@K@`), of the one inside (`@J@`), the field of a parameter.
 //!
-//! What stays with the service: modes and bumpless transfer between them, measured force and one-step prediction, plausibility checks over
+//! Not exported: modes and bumpless transfer between them, measured force and one-step prediction, plausibility checks over
 //! several channels, the correction of stamps that jitter, bands, and commands.
 
 pub mod a2l;

@@ -403,7 +403,7 @@ fn instance(level: &Level<'_>, inside: &str, fragments: &[Fragment]) -> Result<S
     Ok(code)
 }
 
-/// What every text goes through at the end.
+/// The last steps of every text.
 struct Text<'a> {
     export: &'a CExport<'a>,
     features: &'a Features,

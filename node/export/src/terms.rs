@@ -5,7 +5,7 @@ use mr_damper_model::effect::term::{Argument, Form, Modulator, Term};
 use mr_damper_model::sample::DriveKind;
 use std::fmt::Write as _;
 
-/// What the source of a model's terms is made of.
+/// The parts of the source of a model's terms.
 #[derive(Debug, Default)]
 pub(crate) struct TermCode {
     /// Fragments, besides those that they need.

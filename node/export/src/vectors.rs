@@ -37,7 +37,7 @@ pub struct Readings {
     pub case_temp_c: f64,
 }
 
-/// What the service makes of one sample.
+/// The service's result for one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Expected {
     /// False if the displacement was refused.
@@ -50,8 +50,8 @@ pub struct Expected {
     pub flags: u32,
 }
 
-/// `count` samples at a rate of 500 Hz to 2 kHz for `model`: sums of sines with amplitudes, frequencies and drives that change, and among
-/// them lost samples, gaps, NaN, infinities, readings out of range, jumps of the rod, repeated stamps, and a clock that is set back. The
+/// `count` samples at a rate of 500 Hz to 2 kHz for `model`: sums of sines with amplitudes, frequencies and drives that change. Among them
+/// are lost samples, gaps, NaN, infinities, readings out of range, jumps of the rod, repeated stamps, and a clock that is set back. The
 /// same `seed` gives the same readings. Channels that the model does not take are NaN.
 #[must_use]
 pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
@@ -112,7 +112,7 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
     all
 }
 
-/// What the service's free-run channel makes of `readings`, with default settings and without measured force.
+/// The results of the service's free-run channel for `readings`, with default settings and without measured force.
 ///
 /// # Errors
 /// When the model cannot run in a pipeline.
