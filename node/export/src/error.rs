@@ -14,7 +14,9 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ExportError {
     /// C does not allow the name.
-    #[error("'{name}' cannot begin the names in C code: use letters, digits and _, beginning with a letter, at most 40")]
+    #[error(
+        "'{name}' cannot begin the names in C code: use letters, digits and _, beginning with a letter, at most 40"
+    )]
     Name {
         /// The name.
         name: String,

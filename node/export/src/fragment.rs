@@ -179,7 +179,7 @@ mod tests {
     #[test]
     fn each_fragment_needs_all_that_it_calls() {
         // Functions that the export writes for a model, or that a fragment leaves to another one.
-        const GLUE: [&str; 10] = [
+        const GLUE: [&str; 11] = [
             "law_parameters",
             "law",
             "weights",
@@ -190,6 +190,7 @@ mod tests {
             "run_",
             "solve_",
             "terms_extrapolate",
+            "tau_s",
         ];
         for (name, text) in ALL {
             let linked = link(&[name]).expect("linked");
