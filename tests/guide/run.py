@@ -4,7 +4,7 @@
 usage: tests/guide/run.py [--list] [PAGE...]      PAGE: a path below the repository; default: README.md and the guide in order
 
 Each block fenced by ```sh runs with `bash -eu` in a scratch directory of its page, with `mr-damper` on PATH: $MR_DAMPER_BIN, or
-target/release/mr-damper. Root runs three pages at a time, each in its own network namespace that has loopback only
+target/release/mr-damper. Root runs two pages at a time, each in its own network namespace that has loopback only
 (tests/interop/netns.sh); other users run one page after the other. Nothing outside the scratch directories is written. An HTML comment in
 front of a block changes how it runs; a reader of the page does not see it:
 
@@ -37,8 +37,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 NETNS = ROOT / "tests" / "interop" / "netns.sh"
 INSIDE = "MR_DAMPER_GUIDE_INSIDE"
-# Pages that root runs at the same time. Their commands mostly wait.
-TOGETHER = 3
+# Pages that root runs at the same time. Their commands mostly wait, but some fit models on all processors, and live ones must keep up.
+TOGETHER = 2
 LIMIT_S = 60.0
 # A background program has this long to end after SIGINT.
 END_S = 10.0

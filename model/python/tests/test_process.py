@@ -42,6 +42,8 @@ def test_a_signal_ends_the_command_in_an_orderly_way(command, files, tmp_path, s
 
 
 def test_ctrl_c_ends_a_fit(files):
+    # A shell starts background jobs with SIGINT ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):

@@ -81,13 +81,13 @@ def test_a_null_is_an_empty_cell_and_nan_is_an_error():
     table = {"time_s": [0.0, 0.1, 0.2], "displacement_m": [0.0, 0.1, 0.2], "case_temp_c": [20.0, None, 21.0]}
     tables = [table, polars.DataFrame(table), pyarrow.table(table), pandas.DataFrame(table).convert_dtypes()]
     for run in tables:
-        with pytest.warns(mr_damper.MrDamperWarning, match="column `case_temp_c`: 1 empty cells"):
+        with pytest.warns(mr_damper.MrDamperWarning, match="column `case_temp_c`: 1 empty cell"):
             assert len(mr_damper.read_run(run).traces()["case_temp_c"][1]) == 16
     for run in (pandas.DataFrame(table), polars.DataFrame({**table, "case_temp_c": [20.0, float("nan"), 21.0]})):
         with pytest.raises(mr_damper.Error, match=r"row 1, column `case_temp_c`: `NaN` is not finite") as raised:
             mr_damper.read_run(run)
         assert (raised.value.code, raised.value.row, raised.value.column) == ("row", 1, "case_temp_c")
-    with pytest.warns(mr_damper.MrDamperWarning, match="1 empty cells"):
+    with pytest.warns(mr_damper.MrDamperWarning, match="1 empty cell"):
         run = mr_damper.read_run(pandas.DataFrame(table), nan="empty")
     assert len(run.traces()["case_temp_c"][1]) == 16
     with pytest.raises(mr_damper.UsageError, match="nan is 'drop'"):
@@ -160,7 +160,7 @@ def test_a_faulty_file_gives_the_sentence_of_the_command(tmp_path, command):
 
 def test_bad_rows_are_skipped_on_request():
     table = {"time_s": [0.0, 0.1, 0.2, 0.3], "displacement_m": [0.0, float("nan"), 0.2, 0.3]}
-    with pytest.warns(mr_damper.MrDamperWarning, match="1 bad rows skipped"):
+    with pytest.warns(mr_damper.MrDamperWarning, match="1 bad row skipped"):
         assert len(mr_damper.read_run(table, skip_bad_rows=True)) == 3
 
 
