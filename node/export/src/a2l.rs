@@ -1,4 +1,4 @@
-//! The calibration file of an export (ASAM MCD-2 MC, version 1.7.1): a characteristic for each parameter, a measurement for each output.
+//! The calibration file of an export (ASAM MCD-2 MC, version 1.6): a characteristic for each parameter, a measurement for each output.
 
 use crate::parameter::{CParameter, Shape};
 use crate::source::CSource;
@@ -31,7 +31,7 @@ pub fn file(source: &CSource, symbols: [&str; 2], addresses: Addresses) -> Strin
     let [parameters_symbol, output_symbol] = symbols;
     let name = &source.name;
     let mut text = format!(
-        "ASAP2_VERSION 1 71
+        "ASAP2_VERSION 1 60
 /begin PROJECT {name} \"Force of a magneto-rheological damper\"
   /begin MODULE {name} \"\"
     /begin MOD_COMMON \"\"
@@ -90,9 +90,9 @@ fn characteristic(
 ) {
     let (kind, size) = match parameter.shape {
         Shape::Scalar => ("VALUE", String::new()),
-        Shape::Array(n) => ("VAL_BLK", format!("\n      MATRIX_DIM {n}")),
+        Shape::Array(n) => ("VAL_BLK", format!("\n      MATRIX_DIM {n} 1 1")),
         // The first dimension is that within a row.
-        Shape::Rows(rows, n) => ("VAL_BLK", format!("\n      MATRIX_DIM {n} {rows}")),
+        Shape::Rows(rows, n) => ("VAL_BLK", format!("\n      MATRIX_DIM {n} {rows} 1")),
     };
     let [low, high] = parameter.range.unwrap_or([-1e300, 1e300]);
     let _ = write!(

@@ -66,7 +66,11 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let source = CExport::new(&args.name, &model)
         .provenance(format!("From {}.", args.model))
         .provenance(format!("Model hash {hash}, as the node publishes it."))
-        .source()?;
+        .source()
+        .map_err(|error| match error {
+            ExportError::Name { .. } => NodeError::Usage(error.to_string()),
+            other => other.into(),
+        })?;
     let mut written = Vec::new();
     let folder_fault =
         |error: std::io::Error| NodeError::File { path: args.c.clone(), message: error.to_string() };
