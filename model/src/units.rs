@@ -21,6 +21,48 @@ pub const M_PER_IN: f64 = 0.0254;
 /// N/m in one lbf/in, and N·s/m in one lbf·s/in.
 pub const N_M_PER_LBF_IN: f64 = N_PER_LBF / M_PER_IN;
 
+/// Suffixes of names of numbers with their units. The longest fitting suffix counts, so these are ordered by length.
+const UNITS: [(&str, &str); 17] = [
+    ("_n_s_m", "N s/m"),
+    ("_n_m_s2", "N s^2/m"),
+    ("_per_s", "1/s"),
+    ("_per_m", "1/m"),
+    ("_m_s2", "m/s^2"),
+    ("_n_m", "N/m"),
+    ("_n_a", "N/A"),
+    ("_n_v", "N/V"),
+    ("_s_m", "s/m"),
+    ("_m_s", "m/s"),
+    ("_kg", "kg"),
+    ("_n", "N"),
+    ("_a", "A"),
+    ("_v", "V"),
+    ("_s", "s"),
+    ("_m", "m"),
+    ("_c", "C"),
+];
+
+/// The unit that the name of a number ends in, such as `stiffness_n_m`; `None` if it ends in none.
+///
+/// ```
+/// use mr_damper_model::units::unit_of_name;
+///
+/// assert_eq!(unit_of_name("stiffness_n_m").as_deref(), Some("N/m"));
+/// assert_eq!(unit_of_name("rising_b6_n_s6_m6").as_deref(), Some("N s^6/m^6"));
+/// assert_eq!(unit_of_name("hysteresis_exponent"), None);
+/// ```
+#[must_use]
+pub fn unit_of_name(name: &str) -> Option<String> {
+    // N (s/m)^j
+    let powers = name.rsplit_once("_n_s").and_then(|(_, powers)| powers.split_once("_m"));
+    match powers {
+        Some((power, other)) if power == other && power.parse::<u32>().is_ok() => {
+            Some(format!("N s^{power}/m^{power}"))
+        }
+        _ => UNITS.iter().find(|(suffix, _)| name.ends_with(suffix)).map(|(_, unit)| (*unit).to_owned()),
+    }
+}
+
 macro_rules! unit {
     ($(#[$doc:meta])* $name:ident, $symbol:literal) => {
         $(#[$doc])*

@@ -3,9 +3,9 @@
 use crate::parameter::CParameter;
 use mr_damper_model::force::{
     Arx, Dependence, ForceModel, FuzzySets, FuzzyTanh, LAGS, LPV_REGRESSORS, LawModel, Lazy, LazyPoint, Lpv,
-    MaxwellSlip, Network, NetworkStructure, Shape as SetShape, Signal, SlipFunction, Tsk, TskInput, TskSet,
+    MaxwellSlip, Network, Shape as SetShape, Signal, SlipFunction, Tsk, TskInput, TskSet,
 };
-use mr_damper_model::sample::DriveKind;
+use mr_damper_model::units::unit_of_name;
 
 /// The parts of the source of a force model.
 #[derive(Debug, Default)]
@@ -43,16 +43,8 @@ impl Force {
     }
 }
 
-/// The unit of a drive.
-pub(crate) const fn drive_unit(kind: DriveKind) -> &'static str {
-    match kind {
-        DriveKind::CoilCurrent => "A",
-        DriveKind::CommandVoltage => "V",
-    }
-}
-
 fn memberships(sets: &FuzzySets) -> [CParameter; 2] {
-    let (suffix, unit) = (sets.drive().unit_suffix(), drive_unit(sets.drive()));
+    let (suffix, unit) = (sets.drive().unit_suffix(), sets.drive().unit());
     [
         CParameter::array(
             format!("membership_centres_{suffix}"),
@@ -104,27 +96,6 @@ fn fuzzy_tanh(fuzzy: &FuzzyTanh) -> Force {
     }
 }
 
-/// The unit of a name, from its suffix.
-fn unit_of(name: &str) -> &'static str {
-    const UNITS: [(&str, &str); 14] = [
-        ("_n_s6_m6", "N s6/m6"),
-        ("_n_s5_m5", "N s5/m5"),
-        ("_n_s4_m4", "N s4/m4"),
-        ("_n_s3_m3", "N s3/m3"),
-        ("_n_s2_m2", "N s2/m2"),
-        ("_n_s_m", "N s/m"),
-        ("_n_m", "N/m"),
-        ("_m_s", "m/s"),
-        ("_s_m", "s/m"),
-        ("_per_m", "1/m"),
-        ("_per_s", "1/s"),
-        ("_kg", "kg"),
-        ("_n", "N"),
-        ("_m", "m"),
-    ];
-    UNITS.iter().find(|(suffix, _)| name.ends_with(suffix)).map_or("", |(_, unit)| unit)
-}
-
 fn of_law(model: &LawModel) -> Force {
     let (law, copies) = (model.law(), model.dependence().copies());
     let n = law.parameters().len();
@@ -160,12 +131,12 @@ static void mrd_law_parameters(const mrd_parameters *p, int copy, double q[MRD_L
     for (j, parameter) in law.parameters().iter().enumerate() {
         let values: Vec<f64> = model.coefficients().iter().skip(j).step_by(n).copied().collect();
         let label = format!("{}{about}", parameter.name.replace('_', " "));
-        let unit = unit_of(parameter.name);
+        let unit = unit_of_name(parameter.name).unwrap_or_default();
         if copies == 1 {
-            own.parameters.push(CParameter::scalar(parameter.name, unit, label, values[0]));
+            own.parameters.push(CParameter::scalar(parameter.name, &unit, label, values[0]));
             own.glue += &format!("    q[{j}] = p->{};\n", parameter.name);
         } else {
-            own.parameters.push(CParameter::array(parameter.name, unit, label, &values));
+            own.parameters.push(CParameter::array(parameter.name, &unit, label, &values));
             own.glue += &format!("    q[{j}] = p->{}[copy];\n", parameter.name);
         }
     }
@@ -200,7 +171,7 @@ fn of_arx(arx: &Arx) -> Force {
         ),
     ];
     if let Some((kind, values)) = arx.drive_lags() {
-        let unit = format!("N/{}", drive_unit(kind));
+        let unit = format!("N/{}", kind.unit());
         parameters.push(CParameter::array(
             "drive_lags",
             &unit,
@@ -260,7 +231,7 @@ fn of_network(network: &Network) -> Force {
         CParameter::scalar("velocity_deviation_m_s", "m/s", "deviation of the velocities", v.deviation),
     ];
     if let Some((kind, drive)) = scaling.drive {
-        let (suffix, unit) = (kind.unit_suffix(), drive_unit(kind));
+        let (suffix, unit) = (kind.unit_suffix(), kind.unit());
         parameters.push(CParameter::scalar(
             format!("drive_mean_{suffix}"),
             unit,
@@ -287,7 +258,6 @@ fn of_network(network: &Network) -> Force {
         parameters.push(CParameter::array("input_gain", "", "a, of the input neurons", gain));
         parameters.push(CParameter::array("input_bias", "", "d, of the input neurons", bias));
     }
-    debug_assert!(NetworkStructure::ALL.contains(&structure));
     Force {
         fragments: vec!["force_network".to_owned()],
         sizes: vec![
@@ -410,7 +380,7 @@ static void mrd_tsk_fire(const mrd_parameters *p, const mrd_model_inputs *in, do
             Signal::Displacement => "m",
             Signal::Velocity => "m/s",
             Signal::Acceleration => "m/s2",
-            Signal::Drive(kind) => drive_unit(kind),
+            Signal::Drive(kind) => kind.unit(),
             Signal::Force => "N",
         };
         let (shape, numbers) = shape_code(input.shape());
@@ -500,7 +470,7 @@ fn of_lazy(lazy: &Lazy) -> Force {
         ),
     ]);
     if let Some((kind, scale)) = metric.drive_scale {
-        let (suffix, unit) = (kind.unit_suffix(), drive_unit(kind));
+        let (suffix, unit) = (kind.unit_suffix(), kind.unit());
         own.parameters.push(CParameter::scalar(
             format!("drive_scale_{suffix}"),
             unit,

@@ -2,7 +2,7 @@
 
 use crate::error::ExportError;
 use crate::features::Features;
-use crate::forces::{Force, drive_unit};
+use crate::forces::Force;
 use crate::fragment::{Fragment, link, resolve};
 use crate::parameter::CParameter;
 use crate::terms::TermCode;
@@ -63,6 +63,8 @@ struct Level<'a> {
     effect: &'a EffectModel,
     /// Name of each parameter's field.
     fields: Vec<String>,
+    /// True for a series spring directly around a model that gives its slope: it takes Newton steps.
+    takes_newton: bool,
 }
 
 impl<'a> CExport<'a> {
@@ -100,9 +102,7 @@ impl<'a> CExport<'a> {
         }
         let levels = self.levels(&force);
         let of_damper = model.effects.of_damper().as_slice().len();
-        let terms = features
-            .get("HAS_TERMS")
-            .unwrap_or_default()
+        let terms = (!model.effects.terms().is_empty())
             .then(|| TermCode::of(model.effects.terms().iter(), of_damper, model.force.drive()));
 
         let mut names: Vec<&str> = vec!["bits"];
@@ -110,6 +110,9 @@ impl<'a> CExport<'a> {
         names.extend(force.fragments.iter().map(String::as_str));
         let of_force = link(&names)?;
         names.extend(levels.iter().map(|level| level.fragment.as_str()));
+        if levels.iter().any(|level| level.takes_newton) {
+            names.push("spring_newton");
+        }
         names.extend(terms.iter().flat_map(|terms| &terms.fragments));
         names.push("step");
         let fragments = link(&names)?;
@@ -160,7 +163,6 @@ impl<'a> CExport<'a> {
         let level = |(index, effect): (usize, &'a EffectModel)| {
             let kind = effect.effect();
             let fragment = match kind {
-                Effect::SeriesSpring if index == 0 && force.has_slope => "series_spring_newton",
                 Effect::SeriesSpring => "series_spring",
                 Effect::SensorDelay if effect.parameters()[0] < 0.0 => "sensor_delay_of_displacement",
                 Effect::SensorDelay => "sensor_delay_of_force",
@@ -181,6 +183,7 @@ impl<'a> CExport<'a> {
                 fragment: format!("effect_{fragment}"),
                 effect,
                 fields: fields.collect(),
+                takes_newton: kind == Effect::SeriesSpring && index == 0 && force.has_slope,
             }
         };
         effects.iter().enumerate().map(level).collect()
@@ -194,7 +197,8 @@ impl<'a> CExport<'a> {
             for ((known, value), field) in
                 effect.effect().parameters().iter().zip(effect.parameters()).zip(&level.fields)
             {
-                let unit = known.unit.symbol().or(model.force.drive().map(drive_unit)).unwrap_or_default();
+                let unit =
+                    known.unit.symbol().or(model.force.drive().map(DriveKind::unit)).unwrap_or_default();
                 let [low, high] = known.allowed();
                 let about = format!("effect {}: {}", effect.effect().title(), known.label());
                 let parameter = CParameter::scalar(field, unit, about, *value);
@@ -256,7 +260,7 @@ impl<'a> CExport<'a> {
         range("displacement_range_m".to_owned(), "m", "displacements", envelope.displacement_m);
         range("velocity_range_m_s".to_owned(), "m/s", "velocities", envelope.velocity_m_s);
         if let Some(kind) = drive {
-            range(format!("drive_range_{}", kind.unit_suffix()), drive_unit(kind), "drives", envelope.drive);
+            range(format!("drive_range_{}", kind.unit_suffix()), kind.unit(), "drives", envelope.drive);
         }
         if model.effects.need(Need::CaseTemperature) {
             range(
@@ -394,7 +398,9 @@ fn instance(level: &Level<'_>, inside: &str, fragments: &[Fragment]) -> Result<S
     let fragment = fragments.iter().find(|fragment| fragment.name == level.fragment).ok_or_else(|| {
         ExportError::Fragment { fragment: level.fragment.clone(), what: "it is not linked".to_owned() }
     })?;
-    let mut code = format!("\n{}{}", fragment.about, fragment.instance)
+    let mut features = Features::default();
+    features.set("SPRING_NEWTON", level.takes_newton);
+    let mut code = format!("\n{}{}", fragment.about, resolve(&fragment.instance, &features)?)
         .replace("@K@", &level.number.to_string())
         .replace("@J@", inside);
     for (parameter, field) in level.effect.effect().parameters().iter().zip(&level.fields) {

@@ -46,7 +46,7 @@ const fn form(form: Form) -> (&'static str, &'static [&'static str]) {
         Form::Constant => ("1.0", &[]),
         Form::Linear => ("q", &[]),
         Form::Quadratic => ("q * q", &[]),
-        Form::Step => ("mrd_term_step((q - A) / B)", &["term_curves"]),
+        Form::Step => ("mrd_term_step((q - A) / B)", &["term_step"]),
         Form::HingeAbove => ("mrd_max(q - A, 0.0)", &["max"]),
         Form::HingeBelow => ("mrd_max(A - q, 0.0)", &["max"]),
         Form::Ramp => ("mrd_clamp((q - A) / B, 0.0, 1.0)", &["clamp"]),
@@ -54,7 +54,7 @@ const fn form(form: Form) -> (&'static str, &'static [&'static str]) {
         Form::Growth => ("mrd_exp_m1(q / A)", &["exp_m1"]),
         Form::Tanh => ("mrd_tanh(q / A)", &["tanh"]),
         Form::Bump => ("mrd_term_bump((q - A) / B)", &["term_bump"]),
-        Form::Window => ("mrd_term_step((A - mrd_abs(q)) / (A * 0.1))", &["term_curves"]),
+        Form::Window => ("mrd_term_step((A - mrd_abs(q)) / (A * 0.1))", &["term_step"]),
         Form::Deadband => ("q - mrd_max(mrd_min(q, A), -A)", &["max", "min"]),
         Form::Sine => ("mrd_sin((q - A) / B * 6.283185307179586)", &["sin"]),
         Form::Staircase => ("mrd_floor(q / A)", &["floor"]),
@@ -172,7 +172,7 @@ static bool mrd_terms_extrapolate(const mrd_chain *c) {{
 
     fn parameters(&mut self, term: &Term, number: usize, drive: Option<DriveKind>) {
         let (acts, by, shape) = term.kind();
-        let drive_symbol = drive.map_or("", crate::forces::drive_unit);
+        let drive_symbol = drive.map_or("", DriveKind::unit);
         let name = |what: &str| format!("term_{number}_{what}");
         let unit = acts.unit_of_curve().symbol().unwrap_or(drive_symbol);
         let about = format!("term {number}: amount of the {} over {}", shape.name(), by.name());

@@ -1,5 +1,5 @@
 /* The coil's current follows the drive with one lag while it rises and another while it falls.
-   @needs finite elapsed_miss lag
+   @needs finite elapsed_by lag
    @header */
 typedef struct {
     mrd_elapsed elapsed;
@@ -12,11 +12,9 @@ static double mrd_run_@K@(const mrd_parameters *p, mrd_chain *c, const mrd_model
     mrd_coil_lag_rise_fall_state *s = &c->effect_@K@;
     mrd_model_inputs own = *in;
     double since_s;
-    if (!mrd_is_finite(in->drive)) {
-        mrd_miss(&s->elapsed, in->dt_s);
+    if (!mrd_elapsed_by(&s->elapsed, in->drive, in->dt_s, &since_s)) {
         return mrd_finite(mrd_run_@J@(p, c, in));
     }
-    since_s = mrd_hit(&s->elapsed, in->dt_s);
     if (mrd_is_nan(since_s)) {
         mrd_lag_rest(&s->lag, in->drive);
     } else {

@@ -1,5 +1,5 @@
 /* The force follows with a lag.
-   @needs finite elapsed_miss lag
+   @needs finite elapsed_by lag
    @header */
 typedef struct {
     mrd_elapsed elapsed;
@@ -12,11 +12,9 @@ static double mrd_run_@K@(const mrd_parameters *p, mrd_chain *c, const mrd_model
     mrd_force_lag_state *s = &c->effect_@K@;
     const double force_n = mrd_run_@J@(p, c, in);
     double since_s;
-    if (!mrd_is_finite(force_n)) {
-        mrd_miss(&s->elapsed, in->dt_s);
+    if (!mrd_elapsed_by(&s->elapsed, force_n, in->dt_s, &since_s)) {
         return mrd_nan();
     }
-    since_s = mrd_hit(&s->elapsed, in->dt_s);
     if (mrd_is_nan(since_s)) {
         mrd_lag_rest(&s->lag, force_n);
         return force_n;

@@ -33,6 +33,7 @@ static mrd_model_inputs mrd_behind(const mrd_spring *a, const mrd_model_inputs *
     return own;
 }
 
+/* Newton iteration for model(F) = F. */
 typedef struct {
     double force_n, at_n, slope, unsure;
 } mrd_newton;
@@ -113,6 +114,9 @@ static double mrd_run_@K@(const mrd_parameters *p, mrd_chain *c, const mrd_model
     w.at_n = w.force_n;
     w.slope = a.has_before ? s->slope : 1.0;
     w.unsure = 1.0;
+#if MRD_SPRING_NEWTON
+    mrd_newton_search(p, &a, &w, in);
+#endif
     force_n = w.force_n;
     if (w.unsure > 0.0) {
         double found_n = mrd_nan();

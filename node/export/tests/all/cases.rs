@@ -291,6 +291,7 @@ pub(crate) fn effects() -> Vec<Case> {
     for (name, model, list) in [
         ("fuzzy-tanh", fuzzy_tanh(), [CoilLag, SeriesSpring].as_slice()),
         ("fuzzy-tanh", fuzzy_tanh(), &[SeriesSpring, LoadCellDrift]),
+        ("fuzzy-tanh", fuzzy_tanh(), &[SeriesSpring, SeriesSpring]),
         ("fuzzy-tanh", fuzzy_tanh(), &[GasSpring, Inertia, AntiAliasMismatch]),
         ("fuzzy-tanh", fuzzy_tanh(), &[Friction, ThermalFade, SensorDelay]),
         ("bouc-wen", bouc_wen, &[SeriesSpring]),

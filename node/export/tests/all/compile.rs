@@ -11,10 +11,14 @@ use std::process::{Command, Stdio};
 pub(crate) const WARNINGS: [&str; 7] =
     ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror"];
 
+/// True if the program can be run.
+pub(crate) fn is_here(program: &str) -> bool {
+    Command::new(program).arg("--version").output().is_ok()
+}
+
 /// The compilers on this machine, of gcc and clang.
 pub(crate) fn compilers() -> Vec<&'static str> {
-    let is_here = |name: &&str| Command::new(name).arg("--version").stdout(Stdio::null()).status().is_ok();
-    let found: Vec<&str> = ["gcc", "clang"].into_iter().filter(is_here).collect();
+    let found: Vec<&str> = ["gcc", "clang"].into_iter().filter(|name| is_here(name)).collect();
     assert!(!found.is_empty(), "this test needs gcc or clang");
     found
 }

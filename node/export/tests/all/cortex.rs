@@ -2,7 +2,7 @@
 
 use crate::back_to_back::assert_same;
 use crate::cases::{effects, fuzzy_tanh, learned, terms, with};
-use crate::compile::{WARNINGS, bytes, parse, write};
+use crate::compile::{WARNINGS, bytes, is_here, parse, write};
 use mr_damper_export::vectors::{Readings, expected, readings};
 use mr_damper_export::{CExport, CSource};
 use mr_damper_model::effect::Effect;
@@ -65,10 +65,6 @@ fn run(dir: &Path, source: &CSource, (machine, options): (&str, &[&str]), all: &
         .expect("QEMU runs");
     assert!(ran.status.success(), "{machine}: {}", String::from_utf8_lossy(&ran.stderr));
     std::fs::read(dir.join("out.bin")).expect("its output")
-}
-
-fn is_here(program: &str) -> bool {
-    Command::new(program).arg("--version").output().is_ok()
 }
 
 #[test]

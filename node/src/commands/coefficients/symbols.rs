@@ -3,6 +3,7 @@
 //! The symbols are those of the equations in the module documentation of `model/src/force`.
 
 use mr_damper_model::sample::DriveKind;
+use mr_damper_model::units::unit_of_name;
 
 /// Symbols of parameters by the name in the model file, in LaTeX's notation. The first matching line counts; a line without
 /// models is for all.
@@ -97,42 +98,11 @@ fn indexed(symbol: &str, indices: &[usize]) -> String {
     }
 }
 
-/// Suffixes of names with their units. The longest fitting suffix counts, so these are ordered by length.
-const UNITS: [(&str, &str); 17] = [
-    ("_n_s_m", "N s/m"),
-    ("_n_m_s2", "N s^2/m"),
-    ("_per_s", "1/s"),
-    ("_per_m", "1/m"),
-    ("_m_s2", "m/s^2"),
-    ("_n_m", "N/m"),
-    ("_n_a", "N/A"),
-    ("_n_v", "N/V"),
-    ("_s_m", "s/m"),
-    ("_m_s", "m/s"),
-    ("_kg", "kg"),
-    ("_n", "N"),
-    ("_a", "A"),
-    ("_v", "V"),
-    ("_s", "s"),
-    ("_m", "m"),
-    ("_c", "C"),
-];
-
 /// The unit that the name `key` ends in, over a power of the drive.
 pub(super) fn unit(key: &str, exponent: Option<(DriveKind, usize)>) -> String {
-    // choi: N (s/m)^j.
-    let choi = key.rsplit_once("_n_s").and_then(|(_, powers)| powers.split_once("_m"));
-    let base = match choi {
-        Some((power, other)) if power == other && power.parse::<u32>().is_ok() => {
-            format!("N s^{power}/m^{power}")
-        }
-        _ => UNITS.iter().find(|(suffix, _)| key.ends_with(suffix)).map_or("1", |(_, unit)| unit).to_owned(),
-    };
+    let base = unit_of_name(key).unwrap_or_else(|| "1".to_owned());
     let Some((drive, power)) = exponent.filter(|(_, power)| *power > 0) else { return base };
-    let of = match drive {
-        DriveKind::CoilCurrent => "A",
-        DriveKind::CommandVoltage => "V",
-    };
+    let of = drive.unit();
     let of = if power == 1 { of.to_owned() } else { format!("{of}^{power}") };
     format!("{base}/{of}")
 }

@@ -271,10 +271,7 @@ fn divided(
         None => return Ok((experiments, None)),
     };
     let kind = experiments.iter().flat_map(|e| &e.replicates).find_map(|replicate| replicate.data.drive);
-    let unit = kind.map_or("A", |kind| match kind {
-        DriveKind::CoilCurrent => "A",
-        DriveKind::CommandVoltage => "V",
-    });
+    let unit = kind.map_or("A", DriveKind::unit);
     let drives: Vec<String> = levels.iter().map(|level| format!("{:.2}", level.drive)).collect();
     let design = format!(
         "Each run holds one level of the drive ({} {unit}). So each level is held out in turn: the models are identified on the runs of \

@@ -1,4 +1,4 @@
-/* Curves of terms: a smooth step, and a bump.
+/* A smooth step, (tanh z + 1)/2.
    @needs tanh
    @source */
 static double mrd_term_step(double z) {
