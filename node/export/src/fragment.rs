@@ -19,7 +19,7 @@ fragments! {
     "force_law" "force_law_polynomial" "force_law_fuzzy" "force_law_fuzzy_memory"
     "history" "regress" "force_arx" "force_lpv" "force_network"
     "slip" "force_slip" "force_slip_fuzzy" "force_lazy"
-    "tsk_gaussian" "tsk_two_sided" "tsk_bell" "tsk_trapezoid" "tsk_triangle" "tsk_share" "force_tsk"
+    "tsk_gaussian" "tsk_two_sided" "tsk_bell" "tsk_nearest" "tsk_trapezoid" "tsk_triangle" "tsk_share" "force_tsk"
     "finite" "elapsed" "elapsed_miss" "elapsed_by" "lag" "smooth_sign" "scaled" "play" "ring"
     "floor" "term_step" "term_bump" "resonator_state" "resonator" "terms"
     "effect_coil_lag" "effect_coil_lag_rise_fall" "effect_remanence" "effect_thermal_fade" "effect_gas_spring" "effect_inertia"

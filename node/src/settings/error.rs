@@ -8,7 +8,7 @@ pub use request::RequestError;
 
 use mr_damper_base::disk::advice;
 use mr_damper_views::ServeError;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Errors of the service.
@@ -167,6 +167,11 @@ impl NodeError {
             Self::Damper { why, .. } | Self::InFile { why, .. } => why.part(),
             _ => None,
         }
+    }
+
+    /// The content of the file at `path` cannot be used, because of `message`.
+    pub fn in_file(path: &Path, message: impl Into<String>) -> Self {
+        Self::InFile { path: path.to_owned(), section: None, why: Box::new(Self::Usage(message.into())) }
     }
 
     /// An error of the operating system while doing `what`.

@@ -17,11 +17,7 @@ use std::path::Path;
 /// # Errors
 /// When the file cannot be read, is not TOML, or contains a value that no parameter can have.
 pub(super) fn read(path: &Path) -> Result<Vec<Assignment>, NodeError> {
-    let in_file = |message: String| NodeError::InFile {
-        path: path.to_owned(),
-        section: None,
-        why: Box::new(NodeError::Usage(message)),
-    };
+    let in_file = |message: String| NodeError::in_file(path, message);
     let unreadable = |e: std::io::Error| NodeError::File { path: path.to_owned(), message: e.to_string() };
     let text = std::fs::read_to_string(path).map_err(unreadable)?;
     let table: toml::Table = toml::from_str(&text).map_err(|e| in_file(e.to_string()))?;
