@@ -13,8 +13,8 @@
 //! sin x    = +-sin r or +-cos r            x = n pi/2 + r:   Taylor
 //! ```
 //!
-//! The difference of 1 and a number near 2^-33 does not occur: GCC's library for processors without an FPU for double precision (libgcc for
-//! Arm, up to version 12 at least) rounds a difference wrongly if the exponents differ by 33 and the result is below the power of two.
+//! [`tanh`] takes no difference of 1 and a number near 2^-33. GCC's library for Arm processors without an FPU for double precision (libgcc 12)
+//! rounds such a difference wrongly: the exponents differ by 33, and the result is below the power of two.
 //!
 //! Tables and constants are held as a number and the rounding error of that number.
 //!
