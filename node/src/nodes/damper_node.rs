@@ -127,7 +127,9 @@ impl DamperNode {
         let deadline = (config.deadline_s > 0.0).then(|| Duration::from_secs_f64(config.deadline_s));
         let frame = Frame::new(&wire::frame_id(&args.namespace()));
         let (sink_frame, receivers) = (frame.clone(), EventReceivers { commands, reports });
-        let start_sink = || RosSink::start(&mut ros, args, names, clock, deadline, sink_frame, receivers);
+        let start_sink = || {
+            RosSink::start(&mut ros, args, names, clock, deadline, sink_frame, &config.standard, receivers)
+        };
         let ros_sink = realtime::raised(process.priority, start_sink).0?;
         let mut senders = vec![
             commands_sender.waking(ros_sink.commands_thread()),

@@ -3,3 +3,4 @@
 mod hardened;
 mod hosts;
 mod manage;
+mod standard;

@@ -49,6 +49,27 @@ impl Default for InputConfig {
     }
 }
 
+/// The outputs as standard messages.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StandardSettings {
+    /// Publish the force as `geometry_msgs/msg/WrenchStamped`.
+    pub wrench: bool,
+    /// Axis of the frame along which the wrench has the force: `x`, `y` or `z`.
+    pub axis: String,
+    /// Publish the force as effort in `sensor_msgs/msg/JointState`.
+    pub joint_state: bool,
+    /// Joint of this message; empty: the damper's name.
+    pub joint: String,
+    /// Publish the force and the commanded current as `std_msgs/msg/Float64`.
+    pub float64: bool,
+}
+
+impl Default for StandardSettings {
+    fn default() -> Self {
+        Self { wrench: false, axis: "x".to_owned(), joint_state: false, joint: String::new(), float64: false }
+    }
+}
+
 /// Settings of the Zenoh mirror.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZenohSettings {
@@ -144,6 +165,8 @@ pub struct Config {
     pub discovery_peers: Vec<String>,
     /// QoS of topics that differs from the node's own.
     pub qos: Overrides,
+    /// Outputs as standard messages.
+    pub standard: StandardSettings,
     /// Zenoh mirror.
     pub zenoh: ZenohSettings,
 }
@@ -183,6 +206,7 @@ impl Default for Config {
             discovery_range: "system_default".to_owned(),
             discovery_peers: Vec::new(),
             qos: Overrides::default(),
+            standard: StandardSettings::default(),
             zenoh: ZenohSettings {
                 listen: Vec::new(),
                 connect: Vec::new(),

@@ -5,21 +5,25 @@
 //!                   └→ ring of reports ──→ [ros-sink] ─────→ force_estimate, force_residual, mode
 //! ```
 //!
+//! Each thread also publishes its standard messages (`standard.rs`), if there are any.
+//!
 //! Publishing allocates and wakes the middleware's thread, so it runs here and never on the estimating thread. Commands have
 //! their own ring and thread, so that estimates cannot delay them; a command that is late anyway is dropped. No write waits for
 //! a reader (`ros.rs`, `lagging_readers.rs`). These threads do not log, because logging can be slow; `event_log.rs` does that.
 
+use super::standard::{self, StandardEstimates};
 use crate::estimation::estimator::EventReceiver;
 use crate::estimation::frame::Frame;
 use crate::estimation::wire::{self, SharedNames};
 use crate::ros2::participant::{Output, Ros};
-use crate::settings::config::RosArgs;
+use crate::settings::config::{RosArgs, StandardSettings};
 use crate::settings::error::NodeError;
 use mr_damper_base::clock::Clock;
 use mr_damper_base::latency::Latency;
 use mr_damper_base::worker::{Stop, Worker};
 use mr_damper_model::pipeline::{Estimate, Event, StampedCommand};
 use mr_damper_model::sample::Stamp;
+use mr_damper_msgs::standard::Float64;
 use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -103,16 +107,21 @@ impl RosSink {
         clock: Arc<Clock>,
         deadline: Option<Duration>,
         frame: Frame,
+        standard: &StandardSettings,
         receivers: EventReceivers,
     ) -> Result<Self, NodeError> {
         let counters = Arc::new(RosSinkCounters::default());
         let shared = Shared { clock, deadline, frame, counters: Arc::clone(&counters) };
-        let commands =
-            Commands { publisher: ros.publish(&args.topic("current_command"))?, shared: shared.clone() };
+        let commands = Commands {
+            publisher: ros.publish(&args.topic("current_command"))?,
+            float64: standard::command_publisher(ros, args, standard)?,
+            shared: shared.clone(),
+        };
         let reports = Reports {
             estimate: ros.publish(&args.topic("force_estimate"))?,
             residual: ros.publish(&args.topic("force_residual"))?,
             mode: ros.publish_state(&args.topic("mode"))?,
+            standard: StandardEstimates::new(ros, args, standard)?,
             names,
             shared,
         };
@@ -177,6 +186,7 @@ fn drain(mut receiver: EventReceiver, stop: &Stop, mut publish: impl FnMut(&Even
 
 struct Commands {
     publisher: Output<CurrentCommand>,
+    float64: Option<Output<Float64>>,
     shared: Shared,
 }
 
@@ -191,6 +201,11 @@ impl Commands {
         let published =
             self.publisher.publish(wire::current_command(commanded, &self.shared.frame.get())).is_ok();
         self.shared.count(published, &counters.commands);
+        if let Some(output) = &self.float64
+            && output.publish(standard::current(commanded)).is_err()
+        {
+            counters.failed.fetch_add(1, Ordering::Relaxed);
+        }
     }
 }
 
@@ -203,6 +218,7 @@ struct Reports {
     estimate: Output<ForceEstimate>,
     residual: Output<ForceResidual>,
     mode: Output<ModeChange>,
+    standard: StandardEstimates,
     names: SharedNames,
     shared: Shared,
 }
@@ -229,11 +245,16 @@ impl Reports {
         let began = Instant::now();
         // A poisoned lock is harmless: a writer panicked, but the names are always complete.
         let names = self.names.read().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let message = wire::force_estimate(estimate, &names, &self.shared.frame.get());
+        let frame = self.shared.frame.get();
+        let message = wire::force_estimate(estimate, &names, &frame);
         drop(names);
         let published = self.estimate.publish(message).is_ok();
         let counters = &self.shared.counters;
         self.shared.count(published, &counters.estimates);
+        let refused = self.standard.publish(estimate, &frame);
+        if refused > 0 {
+            counters.failed.fetch_add(refused, Ordering::Relaxed);
+        }
         counters.publishing.add(began.elapsed());
         if let Some(took) = estimate.received.and_then(|received| self.shared.age(received)) {
             counters.latency.add(took);

@@ -3,7 +3,7 @@
 use super::Parameter;
 
 /// Titles of the groups, in the order of `--help`, with the parameters of each: whole names, or first parts that end in a dot.
-const GROUPS: [(&str, &[&str]); 9] = [
+const GROUPS: [(&str, &[&str]); 10] = [
     (
         "Node",
         &[
@@ -49,6 +49,7 @@ const GROUPS: [(&str, &[&str]); 9] = [
             "force_request.",
         ],
     ),
+    ("Outputs as standard messages", &["standard."]),
     ("Zenoh mirror", &["zenoh."]),
     // A parameter that no group lists. A test asserts that there is none.
     (OTHER, &[]),

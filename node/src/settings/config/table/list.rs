@@ -388,6 +388,41 @@ const PLAUSIBLE: [Parameter; 5] = [
     ),
 ];
 
+const STANDARD: [Parameter; 5] = [
+    truth!(
+        "standard.wrench",
+        Never,
+        "true: publish the force also on force_estimate_wrench, as geometry_msgs/msg/WrenchStamped; NaN unless the estimate is valid or degraded",
+        standard.wrench
+    ),
+    text!(
+        "standard.axis",
+        ParameterKind::Choice(&["x", "y", "z"]),
+        Never,
+        "axis of the frame along which the wrench has the force",
+        standard.axis
+    ),
+    truth!(
+        "standard.joint_state",
+        Never,
+        "true: publish the force also on force_estimate_joint_state, as effort in sensor_msgs/msg/JointState; NaN unless the estimate is valid or degraded",
+        standard.joint_state
+    ),
+    text!(
+        "standard.joint",
+        ParameterKind::Text,
+        Never,
+        "joint of force_estimate_joint_state; empty: the damper's name",
+        standard.joint
+    ),
+    truth!(
+        "standard.float64",
+        Never,
+        "true: publish force and commanded current also on force_estimate_float64 and current_command_float64, as std_msgs/msg/Float64; the force is NaN unless the estimate is valid or degraded",
+        standard.float64
+    ),
+];
+
 const ZENOH: [Parameter; 11] = [
     list!(
         "zenoh.listen",
@@ -470,6 +505,7 @@ pub(super) fn all() -> impl Iterator<Item = Parameter> {
         .chain(COMMAND)
         .chain(PLAUSIBLE)
         .chain(INPUTS.into_iter().flatten())
+        .chain(STANDARD)
         .chain(ZENOH)
 }
 

@@ -30,7 +30,7 @@ mod mirror;
 mod payload;
 mod rmw_output;
 #[cfg(test)]
-mod samples;
+pub(in crate::streams::sink) mod samples;
 mod shared;
 mod stats;
 mod throttle;

@@ -26,7 +26,7 @@ fn sample(nanos: i64, reading: Reading) -> Sample {
     Sample { stamp, received: stamp, reading }
 }
 
-pub(super) fn estimate(nanos: i64, force_n: f64) -> Event {
+pub(in crate::streams::sink) fn estimate(nanos: i64, force_n: f64) -> Event {
     Event::Estimate(Estimate {
         stamp: Stamp::from_nanos(nanos),
         received: None,
