@@ -32,6 +32,7 @@ mod correlation;
 mod cycle;
 mod derivative_span;
 mod derivatives;
+pub mod design;
 pub mod discover;
 mod effect_set;
 mod energy;

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | [`IdentifyError`] | [`crate::identify`] |
 //! | [`DiagnosisError`] | [`crate::diagnose`] |
+//! | [`DesignError`] | [`crate::diagnose::design`] |
 //! | [`CalibrationError`] | [`crate::calibrate`] |
 //! | [`ForceError`] | [`crate::force`], [`crate::effect`] |
 //! | [`InverseError`] | [`crate::inverse`] |
@@ -17,6 +18,7 @@
 //! | [`FisProblem`], [`RuleProblem`] | [`crate::fis`] |
 
 mod calibration;
+mod design;
 mod diagnosis;
 mod fis;
 mod force;
@@ -28,6 +30,7 @@ mod pipeline;
 mod rig;
 
 pub use calibration::CalibrationError;
+pub use design::DesignError;
 pub use diagnosis::DiagnosisError;
 pub use fis::{FisProblem, RuleProblem};
 pub use force::ForceError;
@@ -167,6 +170,10 @@ pub enum Error {
     #[error(transparent)]
     #[serde(untagged)]
     Diagnosis(#[from] DiagnosisError),
+    /// No run can be designed.
+    #[error(transparent)]
+    #[serde(untagged)]
+    Design(#[from] DesignError),
     /// The uncertainty of a model cannot be calibrated on the runs.
     #[error(transparent)]
     #[serde(untagged)]

@@ -145,7 +145,42 @@ pub fn record_while(
         Some(servo) => (servo.follow(&set), Some(set)),
         None => (set, None),
     };
-    let response = plant.respond_while(&motion, &command_a, plant::SUB_STEPS, go_on)?;
+    let name = format!("rig {} seed {seed}", experiment.name);
+    let mut run = play_while(&motion, &command_a, plant, channels, seed, go_on)?;
+    if let Some(set) = set_point {
+        // The set point is a command, not a measurement, so it has no noise.
+        let exact = Sensor { noise: 0.0, step: 0.0, offset: 0.0 };
+        let trace = measured(&set.displacement_m, 1, exact, stream(seed, Purpose::DisplacementNoise));
+        run.other.insert(0, ("setpoint_m".to_owned(), trace));
+    }
+    Some(Run { name, ..run })
+}
+
+/// Plays `motion` with the current `command_a`, one value for each sample at 512 Hz, on `plant`, and returns the recording by `channels`.
+/// Calls `go_on` as [`record_while`] does. Missing values of the command repeat the last one.
+///
+/// ```
+/// use mr_damper_model::rig::{Channels, Motion, Plant, play_while};
+///
+/// let displacement_m = (0..1024).map(|k| 0.01 * (std::f64::consts::TAU * 2.0 * f64::from(k) / 512.0).sin());
+/// let motion = Motion::recorded(displacement_m.collect());
+/// let run = play_while(&motion, &[1.2; 1024], &Plant::default(), &Channels::PERFECT, 1, &mut |_| true).expect("it runs to its end");
+/// assert_eq!(run.displacement_m.values, motion.displacement_m);
+/// let force_n = &run.force_n.expect("the rig has a load cell").values;
+/// assert!(force_n.iter().any(|n| n.abs() > 200.0));
+/// ```
+pub fn play_while(
+    motion: &Motion,
+    command_a: &[f64],
+    plant: &Plant,
+    channels: &Channels,
+    seed: u64,
+    go_on: &mut dyn FnMut(f64) -> bool,
+) -> Option<Run> {
+    let samples = motion.displacement_m.len();
+    let mut command_a = command_a.to_vec();
+    command_a.resize(samples, command_a.last().copied().unwrap_or(0.0));
+    let response = plant.respond_while(motion, &command_a, plant::SUB_STEPS, go_on)?;
 
     let displacement =
         Sensor { noise: channels.displacement_noise_m, step: channels.displacement_step_m, offset: 0.0 };
@@ -160,14 +195,6 @@ pub fn record_while(
         measured(values, every, sensor, stream(seed, purpose))
     };
     let mut other = Vec::new();
-    if let Some(set) = set_point {
-        // The set point is a command, not a measurement, so it has no noise.
-        let exact = Sensor { noise: 0.0, step: 0.0, offset: 0.0 };
-        other.push((
-            "setpoint_m".to_owned(),
-            trace(&set.displacement_m, 1, exact, Purpose::DisplacementNoise),
-        ));
-    }
     if channels.ambient {
         let room = vec![plant.ambient_c; samples];
         other.push(("ambient_temp_c".to_owned(), trace(&room, CASE_EVERY, case, Purpose::AmbientNoise)));
@@ -176,11 +203,11 @@ pub fn record_while(
         let sensor = Sensor { noise, step: 0.0, offset: 0.0 };
         trace(&motion.velocity_m_s, 1, sensor, Purpose::VelocityNoise)
     });
-    let x = filtered(motion.displacement_m, channels.displacement_filter);
+    let x = filtered(motion.displacement_m.clone(), channels.displacement_filter);
     let i = filtered(response.driver_a, channels.current_filter);
     let f = channels.force_signal(response.force_n);
     Some(Run {
-        name: format!("rig {} seed {seed}", experiment.name),
+        name: format!("rig seed {seed}"),
         displacement_m: trace(&x, 1, displacement, Purpose::DisplacementNoise),
         velocity_m_s: velocity,
         drive: Some((DriveKind::CoilCurrent, trace(&i, 1, current, Purpose::CurrentNoise))),

@@ -12,6 +12,7 @@ pub mod compare;
 pub mod correlate;
 pub mod demo;
 pub mod demo_diagnosis;
+pub mod design;
 pub mod diagnosis;
 pub mod diagnosis_summary;
 pub mod evaluate;

@@ -3,8 +3,9 @@
 use crate::commands::context::CliContext;
 use crate::commands::logging::{self, LogFormat, Outputs};
 use crate::commands::{
-    close, coefficients, compare, completions, convert, demo, doctor, evaluate, export, fis, identify,
-    inverse, man, node, overview, predict, presets, record, replay, reproduce, serve, simulate, top,
+    close, coefficients, compare, completions, convert, demo, design, doctor, evaluate, export, fis,
+    identify, inverse, man, node, overview, predict, presets, record, replay, reproduce, serve, simulate,
+    top,
 };
 use crate::settings::config::RosArgs;
 use crate::settings::error::NodeError;
@@ -47,6 +48,7 @@ enum Command {
     Evaluate(evaluate::Args),
     Predict(predict::Args),
     Close(close::Args),
+    Design(design::Args),
     Inverse(inverse::Args),
     Fis(fis::Args),
     Export(export::Args),
@@ -83,6 +85,7 @@ impl Command {
             Self::Evaluate(_) => "evaluate",
             Self::Predict(_) => "predict",
             Self::Close(args) if !args.live.live => "close",
+            Self::Design(_) => "design",
             Self::Inverse(_) => "inverse",
             Self::Fis(_) => "fis",
             Self::Export(_) => "export",
@@ -190,6 +193,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Evaluate(args) => evaluate::run(&args, &context),
         Command::Predict(args) => predict::run(&args, &context),
         Command::Close(args) => close::run(&args, &context),
+        Command::Design(args) => design::run(&args, &context),
         Command::Inverse(args) => inverse::run(&args, &context),
         Command::Fis(args) => fis::run(&args, &context),
         Command::Export(args) => export::run(&args, &context),
@@ -300,6 +304,7 @@ mod tests {
             "predict m.toml a --out a.csv",
             "evaluate m.toml a",
             "close --base arx --estimate a --confirm b --out m.toml",
+            "design --model m.toml --for friction --stroke 0.02 --speed 0.4",
             "inverse m.toml --force a",
             "fis a.fis --rate 512 --out models",
             "export m.toml --c out",

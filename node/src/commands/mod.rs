@@ -10,6 +10,7 @@ pub mod conditioning;
 pub mod context;
 pub mod convert;
 pub mod demo;
+pub mod design;
 pub mod doctor;
 pub mod evaluate;
 pub mod export;

@@ -26,6 +26,25 @@ pub(crate) fn range(text: &str) -> Result<(String, [f64; 2]), NotRange> {
     Ok((id.trim().to_owned(), [number(low)?, number(high)?]))
 }
 
+/// A value is not a number or an interval.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error("must be a positive number, the largest value, or two numbers, LOW:HIGH")]
+pub(crate) struct NotInterval;
+
+/// Parses an interval: `HIGH`, which begins at zero, or `LOW:HIGH`.
+///
+/// # Errors
+/// [`NotInterval`].
+pub(crate) fn interval(text: &str) -> Result<[f64; 2], NotInterval> {
+    let number =
+        |text: &str| text.trim().parse().ok().filter(|value: &f64| value.is_finite()).ok_or(NotInterval);
+    let (low, high) = match text.split_once(':') {
+        Some((low, high)) => (number(low)?, number(high)?),
+        None => (0.0, number(text)?),
+    };
+    if low < high { Ok([low, high]) } else { Err(NotInterval) }
+}
+
 /// Parses a positive number of newtons.
 ///
 /// # Errors

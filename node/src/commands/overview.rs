@@ -30,6 +30,7 @@ const GROUPS: [(&str, Purposes); 4] = [
             ("coefficients", "print the coefficients of a model as a table"),
             ("compare", "identify and test every model on every experiment"),
             ("close", "find the effect that a model lacks, and add it"),
+            ("design", "design the run that tells confounded effects apart"),
             ("inverse", "find the current for a demanded force"),
             ("export", "write a model as C source for an electronic control unit"),
             ("presets", "list the built-in models"),

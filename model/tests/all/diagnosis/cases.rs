@@ -274,6 +274,33 @@ impl CaseSpec {
         mut channels: Channels,
         seed: u64,
     ) -> Result<Run, Error> {
+        let plant = self.plant(truth, which, &mut channels)?;
+        let mut template = experiment(&self.name());
+        if self.instrument == Instrument::OneCurrent {
+            template.current = Current::Constant { current_a: 1.2 };
+        }
+        let (experiment, _) = template.replicate(which as u32 + 1, seed, Pattern::New);
+        let (_, seed) = template.replicate(noise as u32 + 1, seed, Pattern::New);
+        Ok(self.instrument.apply(record(&experiment, &plant, &channels, seed), seed))
+    }
+
+    /// The damper of run number `which` with its channels, which have a velocity transducer.
+    ///
+    /// # Errors
+    /// If the rig rejects an effect.
+    pub(crate) fn damper(&self, which: usize) -> Result<(Plant, Channels), Error> {
+        let mut channels = Channels::default().with_velocity(VELOCITY_NOISE_M_S);
+        let plant = self.plant(&self.truth, which, &mut channels)?;
+        Ok((plant, channels))
+    }
+
+    /// The damper of run number `which` with the effects `truth`, of which `channels` gets its part.
+    fn plant(
+        &self,
+        truth: &[(&'static str, f64)],
+        which: usize,
+        channels: &mut Channels,
+    ) -> Result<Plant, Error> {
         let healthy = self.kind.plant(START_C[which]);
         let mut plant = healthy;
         for &(id, size) in truth {
@@ -282,24 +309,18 @@ impl CaseSpec {
                     // The road goes beyond the displacement at which the typical end stops begin.
                     let begin_m =
                         EFFECTS.iter().find(|effect| effect.id == id).map_or(f64::NAN, |e| e.typical);
-                    inject(id, begin_m, &mut plant, &mut channels)?;
+                    inject(id, begin_m, &mut plant, channels)?;
                     plant.end_stop_n_m = size;
                 }
                 // In series with the compliance that the plant already has.
                 "series_spring" => {
                     let own = 1.0 / healthy.series_stiffness_n_m;
-                    inject(id, own + size, &mut plant, &mut channels)?;
+                    inject(id, own + size, &mut plant, channels)?;
                 }
-                _ => inject(id, size, &mut plant, &mut channels)?,
+                _ => inject(id, size, &mut plant, channels)?,
             }
         }
-        let mut template = experiment(&self.name());
-        if self.instrument == Instrument::OneCurrent {
-            template.current = Current::Constant { current_a: 1.2 };
-        }
-        let (experiment, _) = template.replicate(which as u32 + 1, seed, Pattern::New);
-        let (_, seed) = template.replicate(noise as u32 + 1, seed, Pattern::New);
-        Ok(self.instrument.apply(record(&experiment, &plant, &channels, seed), seed))
+        Ok(plant)
     }
 }
 
