@@ -92,7 +92,9 @@ fn id_of(text: &str) -> Result<Option<CanId>, LineFault> {
 mod tests {
     use super::*;
 
-    fn read(line: &str) -> Result<Option<(i64, String, String, Vec<u8>)>, String> {
+    type Read = (i64, String, String, Vec<u8>);
+
+    fn read(line: &str) -> Result<Option<Read>, String> {
         let mut data = Vec::new();
         let frame = Candump.frame(line, &mut data).map_err(|fault| fault.to_string())?;
         Ok(frame.map(|frame| (frame.nanos, frame.bus.to_string(), frame.id.to_string(), frame.data.to_vec())))

@@ -370,6 +370,9 @@ impl FrameParts<'_> {
     }
 }
 
+/// The index of a channel group, its record, and the bytes behind the record.
+type Split<'r> = (usize, &'r [u8], &'r [u8]);
+
 /// The records of a data group while they are read.
 struct Records<'a> {
     group: &'a DataGroup,
@@ -416,8 +419,8 @@ impl Records<'_> {
         Ok(())
     }
 
-    /// The first record of `rest`, its channel group, and what follows; `None` if the record is not whole.
-    fn split<'r>(&self, at: u64, rest: &'r [u8]) -> Result<Option<(usize, &'r [u8], &'r [u8])>, Stop> {
+    /// The first record of `rest`; `None` if it is not whole.
+    fn split<'r>(&self, at: u64, rest: &'r [u8]) -> Result<Option<Split<'r>>, Stop> {
         let Some((id, body)) = rest.split_at_checked(self.group.id_bytes) else { return Ok(None) };
         if body.is_empty() {
             return Ok(None);

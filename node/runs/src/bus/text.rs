@@ -17,8 +17,8 @@ pub(super) trait LineReader {
     fn frame<'a>(&mut self, line: &'a str, data: &'a mut Vec<u8>) -> Result<Option<BusFrame<'a>>, LineFault>;
 }
 
-/// Passes the frames of a log to `sink`. A bad last line without a line end is where the recording was cut off; any other bad line is
-/// an error, or is left out with `skip_bad_rows`.
+/// Passes the frames of a log to `sink`. A last line without a line end is where the recording was cut off; any other bad line is an
+/// error, or is left out with `skip_bad_rows`.
 pub(super) fn read(
     path: &Path,
     source: impl Read,
@@ -45,6 +45,8 @@ pub(super) fn read(
             let content = text.strip_prefix(b"\xef\xbb\xbf").filter(|_| line == 1).unwrap_or(&text);
             let content = String::from_utf8_lossy(content.trim_ascii());
             match format.frame(&content, &mut data) {
+                // The last number of a line that was cut off may be wrong.
+                Ok(Some(_)) if !is_whole => LineFault::NoEnd,
                 Ok(frame) => {
                     frames += u64::from(frame.is_some());
                     frame.iter().for_each(|frame| sink.frame(frame));
@@ -87,7 +89,7 @@ pub(super) fn read(
 pub(super) fn push_hex(digits: &str, data: &mut Vec<u8>) -> Result<(), LineFault> {
     let fault = || LineFault::Bytes { found: super::shown(digits) };
     let bytes = digits.as_bytes();
-    if bytes.len() % 2 != 0 {
+    if !bytes.len().is_multiple_of(2) {
         return Err(fault());
     }
     for pair in bytes.chunks_exact(2) {

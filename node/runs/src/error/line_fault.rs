@@ -10,6 +10,9 @@ pub enum LineFault {
         /// Greatest length that is read, bytes.
         most: u64,
     },
+    /// The last line has no line end, so it may have been cut off.
+    #[error("the line has no end, so its frame may not be whole")]
+    NoEnd,
     /// A line of candump does not begin with a time in seconds.
     #[error(
         "`{line}` has no time in seconds in parentheses: record with `candump -L`, or print with `candump -t a`"
