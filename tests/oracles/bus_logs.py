@@ -2,7 +2,7 @@
 
 usage: bus_logs.py MR_DAMPER
 
-Needs the packages of requirements-bus.txt. python-can writes the same frames as candump, ASC, BLF and MDF4 logs: classic frames and CAN FD, 11
+Needs the packages of .ci/bus.txt. python-can writes the same frames as candump, ASC, BLF and MDF4 logs: classic frames and CAN FD, 11
 and 29 bits, Intel and Motorola, signed, floats and multiplexed signals. asammdf writes the channels as an MDF4 file, packed in each way
 that is read, as floats and as whole numbers with a conversion. Each log is read again by the library that wrote it, decoded by cantools,
 and written as CSV. `mr-damper convert` of the log and of that CSV must give the same bytes. Then each log is cut: the rows before the cut must be

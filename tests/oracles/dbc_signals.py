@@ -3,7 +3,7 @@
 usage: dbc_signals.py SIGNALS FILE.dbc...
        SIGNALS: the program of `cargo build -p mr-damper-runs --example signals`
 
-Needs the packages of requirements-bus.txt. Each message gets 20 frames of random bytes and full length, in a log as candump writes it; its
+Needs the packages of .ci/bus.txt. Each message gets 20 frames of random bytes and full length, in a log as candump writes it; its
 multiplexers get values that the file knows. Values are compared bit by bit: `raw * factor + offset` in double, as cantools computes it.
 Messages that cantools refuses in strict mode (signals that overlap or leave the message) are left out, and so are values that are not finite;
 both are counted. The exit code is 1 if a value differs, or if one of the two gives a value that the other does not.
@@ -114,7 +114,7 @@ def compare(program, path, counts, folder):
         return [f"{path}: {done.stderr.strip()}"]
     found, refused = {}, {}
     for line in done.stdout.splitlines():
-        name, stamp, value = line.split(" ", 2)
+        name, stamp, value = line.split("\t", 2)
         if stamp == "!":
             refused[name] = value
         else:

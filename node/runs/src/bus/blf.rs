@@ -25,6 +25,9 @@ const LARGEST: usize = 32 << 20;
 /// Greatest number of padding bytes between objects.
 const PADDING: usize = 8;
 
+/// The first bytes of an object.
+const SIGNATURE: &[u8] = b"LOBJ";
+
 const CAN_MESSAGE: u32 = 1;
 const LOG_CONTAINER: u32 = 10;
 const CAN_MESSAGE2: u32 = 86;
@@ -104,19 +107,14 @@ impl<R: Read> File<'_, R> {
             let body = self.take(size - OBJECT)?;
             let is_whole = body.len() == size - OBJECT;
             if u32_at(&head, 12) == Some(LOG_CONTAINER) {
-                match container(&body) {
-                    Ok((data, fault)) => {
-                        objects.add(&data);
-                        if let (Some(why), true) = (fault, is_whole) {
-                            objects.is_cut = true;
-                            notes.push(Note::ChunkDamaged { path: self.path.to_owned(), offset: at, why });
-                        }
-                    }
-                    Err(why) if is_whole => {
-                        objects.is_cut = true;
-                        notes.push(Note::ChunkDamaged { path: self.path.to_owned(), offset: at, why });
-                    }
-                    Err(_) => {}
+                let unpacked = container(&body);
+                let (data, mut fault) = unpacked.unwrap_or_else(|why| (Vec::new(), Some(why)));
+                if !objects.add(&data) {
+                    fault.get_or_insert_with(|| "no object begins where one should".to_owned());
+                }
+                if let (Some(why), true) = (fault, is_whole) {
+                    objects.is_cut = true;
+                    notes.push(Note::ChunkDamaged { path: self.path.to_owned(), offset: at, why });
                 }
             } else if is_whole {
                 objects.object(&[head, body].concat());
@@ -132,7 +130,7 @@ impl<R: Read> File<'_, R> {
     fn object_head(&mut self) -> Result<Option<Vec<u8>>, Stop> {
         let mut head = self.take(OBJECT)?;
         for _ in 0..=PADDING {
-            if head.starts_with(b"LOBJ") && head.len() == OBJECT {
+            if head.starts_with(SIGNATURE) && head.len() == OBJECT {
                 return Ok(Some(head));
             }
             if head.len() < OBJECT {
@@ -189,44 +187,43 @@ struct Objects<'a, S> {
 }
 
 impl<S: FrameSink> Objects<'_, S> {
-    /// Takes the data of a container.
-    fn add(&mut self, data: &[u8]) {
+    /// Takes the data of a container. False if an object should begin in them and does not; the next one is searched then.
+    fn add(&mut self, data: &[u8]) -> bool {
         if self.is_cut {
             self.rest.clear();
         }
         self.rest.extend_from_slice(data);
         let all = std::mem::take(&mut self.rest);
-        let mut at = 0;
+        let (mut at, mut is_good) = (0, true);
         loop {
-            let window = if self.is_cut { usize::MAX } else { PADDING + OBJECT };
             let left = &all[at..];
-            let searched = &left[..left.len().min(window)];
-            let Some(begin) = searched.windows(4).position(|four| four == b"LOBJ") else {
-                // Without an object within the padding, the place is lost: the next one is searched.
-                self.is_cut |= left.len() >= window;
-                if !self.is_cut || left.len() < PADDING + OBJECT {
+            let window = if self.is_cut { left.len() } else { left.len().min(PADDING + SIGNATURE.len()) };
+            let begin = left[..window].windows(SIGNATURE.len()).position(|four| four == SIGNATURE);
+            let Some(begin) = begin else {
+                if !self.is_cut && window < PADDING + SIGNATURE.len() {
                     self.rest = left.to_vec();
-                    return;
+                    return is_good;
                 }
-                at += left.len().min(PADDING);
+                if self.is_cut {
+                    return is_good;
+                }
+                (self.is_cut, is_good) = (true, false);
                 continue;
             };
             let object = &left[begin..];
-            let size = match u32_at(object, 8).map(|size| size as usize) {
-                Some(size) if (OBJECT..=LARGEST).contains(&size) => size,
-                Some(_) => {
-                    self.is_cut = true;
-                    at += begin + 4;
-                    continue;
-                }
-                None => {
-                    self.rest = object.to_vec();
-                    return;
-                }
+            let Some(size) = u32_at(object, 8).map(|size| size as usize) else {
+                self.rest = object.to_vec();
+                return is_good;
             };
+            if !(OBJECT..=LARGEST).contains(&size) {
+                (self.is_cut, is_good) = (true, false);
+                at += begin + SIGNATURE.len();
+                continue;
+            }
             if object.len() < size {
                 self.rest = object.to_vec();
-                return;
+                self.is_cut = false;
+                return is_good;
             }
             self.is_cut = false;
             self.object(&object[..size]);

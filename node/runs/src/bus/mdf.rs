@@ -24,8 +24,8 @@ use value::Conversion;
 
 /// Name of the structure with the parts of a data frame.
 const FRAME: &str = "CAN_DataFrame";
-/// Beginning of the names of all parts of frames, also of those without data.
-const FRAMES: &str = "CAN_";
+/// Names of all structures with parts of frames.
+const FRAMES: [&str; 4] = [FRAME, "CAN_ErrorFrame", "CAN_RemoteFrame", "CAN_OverloadFrame"];
 /// Most bytes of variable length that are kept.
 const MOST_VARIABLE: usize = 1 << 30;
 /// Length of the field before bytes of variable length, bytes.
@@ -125,7 +125,7 @@ fn identification<R: Read + Seek>(blocks: &Blocks<'_, R>) -> Result<State, Stop>
     Ok(State { is_finished, is_open: !is_finished && flags & NO_LENGTH != 0 })
 }
 
-/// A channel group with its number in the file, as other tools count.
+/// A channel group with its number in the file, as asammdf counts: groups of variable length hold no channel.
 struct Numbered<'a> {
     number: usize,
     data_group: usize,
@@ -137,7 +137,7 @@ struct Numbered<'a> {
 fn numbered(groups: &[DataGroup]) -> Vec<Numbered<'_>> {
     let mut out = Vec::new();
     for (data_group, of) in groups.iter().enumerate() {
-        for (index, group) in of.groups.iter().enumerate() {
+        for (index, group) in of.groups.iter().enumerate().filter(|(_, group)| !group.is_variable) {
             out.push(Numbered { number: out.len(), data_group, index, group });
         }
     }
@@ -149,7 +149,10 @@ fn plain_channels(groups: &[Numbered<'_>], is_finished: bool) -> (Vec<FoundSigna
     let (mut found, mut places) = (Vec::new(), Vec::new());
     for Numbered { number, group, .. } in groups {
         for (index, channel) in group.channels.iter().enumerate() {
-            if channel.role != Role::Value || !channel.place.is_number() || channel.name.starts_with(FRAMES) {
+            if channel.role != Role::Value
+                || !channel.place.is_number()
+                || FRAMES.iter().any(|frame| channel.name.starts_with(frame))
+            {
                 continue;
             }
             let frames = if is_finished { group.records } else { group.records.max(1) };

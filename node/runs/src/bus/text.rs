@@ -67,7 +67,7 @@ pub(super) fn read(
             });
             break;
         }
-        if !skip_bad_rows || is_long || frames == 0 {
+        if !skip_bad_rows || is_long {
             return Err(error);
         }
         skipped += 1;

@@ -2,6 +2,7 @@
 
 use crate::RunError;
 use std::cell::RefCell;
+use std::collections::HashSet;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -97,6 +98,8 @@ impl Block {
 pub(super) struct Blocks<'a, R> {
     path: &'a Path,
     source: RefCell<R>,
+    /// Addresses of the blocks in lists that were read. A block belongs to one list.
+    listed: RefCell<HashSet<u64>>,
     /// Size of the file, bytes.
     pub(super) size: u64,
 }
@@ -104,7 +107,7 @@ pub(super) struct Blocks<'a, R> {
 impl<'a, R: Read + Seek> Blocks<'a, R> {
     pub(super) fn new(path: &'a Path, mut source: R) -> Result<Self, RunError> {
         let size = source.seek(SeekFrom::End(0)).map_err(RunError::io(path, "read"))?;
-        Ok(Self { path, source: RefCell::new(source), size })
+        Ok(Self { path, source: RefCell::new(source), listed: RefCell::default(), size })
     }
 
     /// The bytes from `at`, at most `count`, fewer at the end of the file.
@@ -190,12 +193,12 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
         first: u64,
         mut take: impl FnMut(u64) -> Result<(u64, T), Stop>,
     ) -> Result<(Vec<T>, Option<BlockFault>), Stop> {
-        let (mut items, mut visited, mut at) = (Vec::new(), std::collections::HashSet::new(), first);
+        let (mut items, mut at) = (Vec::new(), first);
         while at != 0 {
-            if !visited.insert(at) {
+            if !self.listed.borrow_mut().insert(at) {
                 return Ok((
                     items,
-                    Some(BlockFault { at, why: "a list of blocks leads back to this one".to_owned() }),
+                    Some(BlockFault { at, why: "two lists of blocks lead to this one".to_owned() }),
                 ));
             }
             match take(at) {
