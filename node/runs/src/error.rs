@@ -1,7 +1,11 @@
 //! Errors of reading and writing runs.
 
+mod dbc_fault;
+mod line_fault;
 mod map_fault;
 
+pub use dbc_fault::DbcFault;
+pub use line_fault::LineFault;
 pub use map_fault::MapFault;
 
 use mr_damper_base::disk::advice;
@@ -21,9 +25,10 @@ pub enum RunError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// The path is neither CSV nor a bag.
+    /// The path is neither CSV, a bag, nor a log of a bus.
     #[error(
-        "{}: not a run: {why}; a run is a CSV file, a rosbag2 directory with metadata.yaml, or an .mcap or .db3 file",
+        "{}: not a run: {why}; a run is a CSV file, a rosbag2 directory with metadata.yaml, an .mcap or .db3 file, or a log of a bus \
+         (.mf4, .asc, .blf, .log)",
         path.display()
     )]
     NotARun {
@@ -218,6 +223,35 @@ pub enum RunError {
         map: String,
         /// The reason.
         why: Box<MapFault>,
+    },
+    /// A DBC file cannot be used.
+    #[error("{}, line {line}: {fault}", path.display())]
+    Dbc {
+        /// The DBC file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The fault, and advice.
+        fault: DbcFault,
+    },
+    /// A log of frames was given without a DBC file.
+    #[error(
+        "{}: holds frames of a bus, and nothing says which signals are in them: give the DBC file of the bus with --dbc FILE.dbc",
+        path.display()
+    )]
+    NoDbc {
+        /// The log.
+        path: PathBuf,
+    },
+    /// A line of a log cannot be read.
+    #[error("{}, line {line}: {fault}", path.display())]
+    LogLine {
+        /// The log.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u64,
+        /// The fault, and advice.
+        fault: LineFault,
     },
     /// `metadata.yaml` cannot be used.
     #[error(

@@ -1,6 +1,6 @@
-//! Reads and writes recorded runs: CSV files and rosbag2 bags.
+//! Reads and writes recorded runs: CSV files and rosbag2 bags; reads logs of a CAN bus.
 //!
-//! [`load`] reads either format into a [`Run`], [`save`] writes a run, and [`convert`] does both without loss: values stay
+//! [`load`] reads any format into a [`Run`], [`save`] writes a run, and [`convert`] does both without loss: values stay
 //! bit-identical, stamps keep every nanosecond, unknown columns keep their names. [`BagWriter`] only writes, for live
 //! recording.
 //!
@@ -31,6 +31,7 @@ mod bag_save;
 mod bag_sink;
 mod bag_types;
 mod bag_write;
+mod bus;
 mod column;
 mod csv;
 mod csv_write;
@@ -59,7 +60,7 @@ mod wire;
 
 pub use bag_types::{BagOptions, Storage, Sync, Topic};
 pub use bag_write::{BagSummary, BagWriter, TopicId};
-pub use error::{MapFault, RunError};
+pub use error::{DbcFault, LineFault, MapFault, RunError};
 pub use frame::{Column, Values, from_columns, of_run};
 pub use map::{ColumnMapping, Map, MapError, MapFileError, Mapping};
 pub use note::Note;
@@ -70,7 +71,7 @@ use hash::{Hash, HashingReader};
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::borrow::Cow;
 use std::fs::{self, File};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use whole::write_file;
 
 /// The time of `stamp` in seconds as in the CSV files of runs: decimal text, exact to the nanosecond.
@@ -94,7 +95,9 @@ pub struct LoadOptions {
     pub namespace: Option<String>,
     /// Bags: the joint to read from `sensor_msgs/msg/JointState` topics that have the node's topic names (`--bag-joint`).
     pub joint: Option<String>,
-    /// Sources of channels whose topics or columns have other names (`--map`).
+    /// Logs of a bus: the DBC files that describe its messages (`--dbc`).
+    pub dbc: Vec<PathBuf>,
+    /// Sources of channels whose topics, columns or signals have other names (`--map`).
     pub map: Map,
     /// Signs of channels (`--sign`), applied to the values in SI units after the map.
     pub signs: Vec<Sign>,
@@ -200,8 +203,8 @@ impl Loaded {
     }
 }
 
-/// True if the name of the file at `path` may be the name of a run: `.csv`, a text file, or `.mcap` or `.db3`, compressed or
-/// not.
+/// True if the name of the file at `path` may be the name of a run: `.csv`, a text file, `.mcap` or `.db3`, compressed or
+/// not. Logs of a bus are not among them: they need a DBC file and a map.
 #[must_use]
 pub fn is_named_as_a_run(path: &Path) -> bool {
     Storage::of_file(path).is_some() || matches!(extension(path).as_str(), "csv" | "txt" | "dat" | "tsv")
@@ -223,8 +226,8 @@ pub fn channels(run: &Run) -> Vec<&str> {
     known.map(|(name, _)| name).chain(run.other.iter().map(|(name, _)| name.as_str())).collect()
 }
 
-/// Reads a run from a CSV file, a rosbag2 directory, or a bare `.mcap` or `.db3` file, which may be compressed
-/// (`.mcap.zstd`, `.db3.zstd`).
+/// Reads a run from a CSV file, a rosbag2 directory, a bare `.mcap` or `.db3` file, which may be compressed
+/// (`.mcap.zstd`, `.db3.zstd`), or a log of a CAN bus: MDF4 (`.mf4`, `.mdf`), Vector's ASC and BLF, candump (`.log`).
 ///
 /// # Errors
 /// When the path is none of these, cannot be read, has faults that `options` do not allow, or leaves a choice open (two
@@ -235,6 +238,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
     let mut hash = Hash::default();
     let is_dir = fs::metadata(path).map_err(RunError::io(path, "open"))?.is_dir();
     let extension = extension(path);
+    let log = bus::Format::of(&extension).filter(|_| !options.thesis_txt);
     let mut run = match extension.as_str() {
         _ if is_dir => {
             let files = metadata::files(path, &mut notes)?;
@@ -244,15 +248,23 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
             bag::load(path, &[path.to_owned()], options, &mut notes, &mut hash)?
         }
         "csv" | "txt" | "dat" | "tsv" | "" => load_csv(path, options, &mut notes, &mut hash)?,
-        _ if options.thesis_txt => load_csv(path, options, &mut notes, &mut hash)?,
-        "yaml" => {
-            let why = "the metadata of a bag; name its directory".to_owned();
-            return Err(RunError::NotARun { path: path.to_owned(), why });
-        }
-        other => return Err(RunError::NotARun { path: path.to_owned(), why: format!("a .{other} file") }),
+        named => match log {
+            Some(format) => bus::load(path, format, options, &mut notes, &mut hash)?,
+            None if options.thesis_txt => load_csv(path, options, &mut notes, &mut hash)?,
+            None => return Err(not_a_run(path, named)),
+        },
     };
     sign::apply(&options.signs, &mut run, path)?;
     Ok(Loaded { run, notes, sha256: hash.finish() })
+}
+
+/// The error for a file that no reader takes.
+fn not_a_run(path: &Path, extension: &str) -> RunError {
+    let why = match extension {
+        "yaml" => "the metadata of a bag; name its directory".to_owned(),
+        other => format!("a .{other} file"),
+    };
+    RunError::NotARun { path: path.to_owned(), why }
 }
 
 fn load_csv(

@@ -84,6 +84,38 @@ pub enum Note {
         /// The suffix of the journal's name.
         journal: &'static str,
     },
+    /// A log of a bus ended early or was damaged; what comes before was read.
+    LogCutShort {
+        /// The file.
+        path: PathBuf,
+        /// The place of the fault: a byte or a line.
+        place: String,
+        /// Number of frames or records before it.
+        frames: u64,
+        /// The fault.
+        why: String,
+    },
+    /// The recorder did not finish an MDF4 file.
+    LogUnfinished {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Frames without a usable value of a signal were dropped.
+    SignalDropped {
+        /// The signal.
+        signal: String,
+        /// Number of frames.
+        count: u64,
+        /// What they have.
+        what: &'static str,
+    },
+    /// Frames whose time is not after the one before were dropped.
+    SignalNotIncreasing {
+        /// The signal.
+        signal: String,
+        /// Number of frames.
+        count: u64,
+    },
     /// Messages that could not be decoded were dropped.
     Undecodable {
         /// The topic.
@@ -218,6 +250,29 @@ impl fmt::Display for Note {
                 "{0}: its recorder left {0}{journal} (recording cut off, or still running?), which was read too",
                 path.display()
             ),
+            Self::LogCutShort { path, place, frames, why } => {
+                write!(
+                    f,
+                    "{}: read up to {place}, {}; there: {why}",
+                    path.display(),
+                    counted(*frames, "frame")
+                )
+            }
+            Self::LogUnfinished { path } => write!(
+                f,
+                "{}: its recorder did not finish it (recording cut off?); its records were counted by the data",
+                path.display()
+            ),
+            Self::SignalDropped { signal, count, what } => {
+                write!(f, "signal {signal}: {} with {what} dropped", counted(*count, "frame"))
+            }
+            Self::SignalNotIncreasing { signal, count } => {
+                write!(
+                    f,
+                    "signal {signal}: {} dropped whose time is not after the one before",
+                    counted(*count, "frame")
+                )
+            }
             Self::Undecodable { topic, count, first } => {
                 write!(
                     f,

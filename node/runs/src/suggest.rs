@@ -3,6 +3,7 @@
 use super::column::Quantity;
 use super::map::flag;
 use super::names::topic_of;
+use super::unit::Unit;
 use crate::extract::{CarriesValue, DEFAULT_AXIS, Dimension, Extractor, MessagePart};
 use mr_damper_base::shown::count;
 use mr_damper_msgs::standard::JointState;
@@ -19,6 +20,19 @@ pub(super) struct FoundTopic<'a> {
     pub(super) messages: u64,
     /// The first message of joint states.
     pub(super) joints: Option<&'a JointState>,
+}
+
+/// A signal or channel that was found in a log of a bus.
+#[derive(Debug, Clone)]
+pub(super) struct FoundSignal {
+    /// Its name in a map.
+    pub(super) source: String,
+    /// Its unit, as the DBC file or the log names it; empty if it names none.
+    pub(super) unit: String,
+    /// Number of frames of its message, or of its values.
+    pub(super) frames: u64,
+    /// The number of its group in an MDF4 file.
+    pub(super) group: usize,
 }
 
 /// Parts of names that indicate the topic or column of a channel, the likeliest first.
@@ -115,6 +129,57 @@ pub(super) fn listing(quantity: Quantity, topics: &[FoundTopic<'_>]) -> String {
     text
 }
 
+impl FoundSignal {
+    /// How likely this signal holds the channel: its unit must fit, or be missing, and the name decides.
+    fn likely(&self, quantity: Quantity) -> Option<usize> {
+        let fits = Unit::named(quantity.dimension(), &self.unit).is_some();
+        let likeness = likeness(quantity, &self.source);
+        match (fits, self.unit.is_empty()) {
+            (true, _) => Some(1 + 2 * likeness),
+            (false, true) if likeness > 0 => Some(likeness),
+            _ => None,
+        }
+    }
+
+    fn line(&self, quantity: Quantity) -> String {
+        let mark = if self.likely(quantity).is_some() { '*' } else { ' ' };
+        let unit = if self.unit.is_empty() { "no unit" } else { &self.unit };
+        printable(&format!("  {mark} {}  {unit}, {}", self.source, count(self.frames, "sample")))
+    }
+}
+
+/// The flag that maps the channel to the likeliest signal; `None` if no signal has a fitting unit or name. A signal without unit gets
+/// a placeholder for it.
+pub(super) fn signal_line_for(quantity: Quantity, found: &[FoundSignal]) -> Option<String> {
+    likeliest_signal(quantity, found, 1)
+}
+
+/// The same, but only if the name indicates this channel.
+pub(super) fn likely_signal_line_for(quantity: Quantity, found: &[FoundSignal]) -> Option<String> {
+    likeliest_signal(quantity, found, 2)
+}
+
+fn likeliest_signal(quantity: Quantity, found: &[FoundSignal], least: usize) -> Option<String> {
+    let likely = found.iter().filter_map(|signal| Some((signal.likely(quantity)?, signal)));
+    let (_, best) = likely.filter(|(likely, _)| *likely >= least).rev().max_by_key(|(likely, _)| *likely)?;
+    let unit = if best.unit.is_empty() { ",unit=UNIT" } else { "" };
+    Some(printable(&flag(topic_of(quantity), &format!("{}{unit}", best.source))))
+}
+
+/// The signals, one per line. Signals that can hold the channel come first and are marked.
+pub(super) fn signal_listing(quantity: Quantity, found: &[FoundSignal]) -> String {
+    let mut sorted: Vec<&FoundSignal> = found.iter().collect();
+    sorted.sort_by_key(|signal| signal.likely(quantity).is_none());
+    let mut text = format!("signals of the log (* can hold {}):", topic_of(quantity));
+    for signal in sorted.iter().take(LISTED) {
+        let _ = write!(text, "\n{}", signal.line(quantity));
+    }
+    if sorted.len() > LISTED {
+        let _ = write!(text, "\n    and {} more", sorted.len() - LISTED);
+    }
+    text
+}
+
 /// The flag that maps the channel to the likeliest of these columns; `None` without columns.
 pub(super) fn column_for<'a>(channel: &str, columns: impl Iterator<Item = &'a str>) -> Option<String> {
     let likely = |column: &&str| match Quantity::ALL
@@ -181,6 +246,34 @@ mod tests {
              std_msgs/msg/Float64, 5 messages\n  * /joint_states  sensor_msgs/msg/JointState, 5 messages, joints: wheel, \
              fl_damper, fr_damper\n    /wrench  geometry_msgs/msg/WrenchStamped, 5 messages\n    /i\\u{1b}mu  \
              sensor_msgs/msg/Imu, 5 messages"
+        );
+    }
+
+    #[test]
+    fn the_likeliest_signal_is_suggested() {
+        let signal = |source: &str, unit: &str| FoundSignal {
+            source: source.into(),
+            unit: unit.into(),
+            frames: 500,
+            group: 0,
+        };
+        let found = [
+            signal("ENGINE.Speed", "rpm"),
+            signal("DASH.Trip", "m"),
+            signal("SUSP_FL.Position", "mm"),
+            signal("SUSP_FL.Load", "kN"),
+            signal("SUSP_FL.Coil", ""),
+        ];
+        let line = |quantity| signal_line_for(quantity, &found);
+        assert_eq!(line(Quantity::Displacement).as_deref(), Some("--map displacement=SUSP_FL.Position"));
+        assert_eq!(line(Quantity::Force).as_deref(), Some("--map measured_force=SUSP_FL.Load"));
+        assert_eq!(line(Quantity::Current).as_deref(), Some("--map coil_current=SUSP_FL.Coil,unit=UNIT"));
+        assert_eq!(line(Quantity::CaseTemperature), None);
+        assert_eq!(likely_signal_line_for(Quantity::Displacement, &found[1..2]), None);
+        assert_eq!(
+            signal_listing(Quantity::Displacement, &found[..3]),
+            "signals of the log (* can hold displacement):\n  * DASH.Trip  m, 500 samples\n  * SUSP_FL.Position  mm, 500 \
+             samples\n    ENGINE.Speed  rpm, 500 samples"
         );
     }
 

@@ -105,7 +105,8 @@ pub struct RecordedArgs {
     /// faster, but an effect that is found may stand for what this structure cannot follow. A linear base is always fixed.
     #[arg(long, group = GROUP)]
     pub fixed_base: bool,
-    /// Training runs, on which effects are searched: CSV files, rosbag2 directories, .mcap files.
+    /// Training runs, on which effects are searched: CSV files, rosbag2 directories, .mcap files, logs of a
+    /// CAN bus.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1.., required_unless_present = "live")]
     pub estimate: Vec<PathBuf>,
     /// Validation runs: an effect must reduce the error on every one of them; at least one.

@@ -1,4 +1,4 @@
-//! `mr-damper convert`: converts runs between CSV and rosbag2 and between the formats of rosbag2, and models of fuzzy
+//! `mr-damper convert`: converts runs between CSV and rosbag2, between the formats of rosbag2, and from logs of a bus, and models of fuzzy
 //! rules between model files and MATLAB's FIS files.
 
 use crate::commands::bag_args::BagArgs;
@@ -10,7 +10,7 @@ use mr_damper_base::shown;
 use mr_damper_runs::{RunSection, SaveOptions, write_text};
 use std::path::{Path, PathBuf};
 
-/// Convert a run between CSV and rosbag2 (MCAP, sqlite3), or a model of fuzzy rules to and from MATLAB's .fis.
+/// Convert a run between CSV and rosbag2 (MCAP, sqlite3), or from a log of a CAN bus; or a model of fuzzy rules to and from MATLAB's .fis.
 ///
 /// Runs: a target that ends in .csv, .mcap or .db3 is written as such a file, any other target as a rosbag2 directory,
 /// without loss. With --start and --duration only a part of the run is written, for example one half for identification
@@ -21,7 +21,8 @@ use std::path::{Path, PathBuf};
 /// several files at once, and its --help says what a FIS file can hold.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// CSV file, rosbag2 directory, or .mcap or .db3 file; bags may be compressed, damaged, or without metadata. Or a
+    /// CSV file, rosbag2 directory, or .mcap or .db3 file; bags may be compressed, damaged, or without metadata. Or a log of a
+    /// CAN bus (.mf4, .asc, .blf, candump's .log), with --dbc and --map. Or a
     /// .fis file, or for a .fis target a model file or preset.
     #[arg(value_name = "IN")]
     pub input: PathBuf,

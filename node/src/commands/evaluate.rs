@@ -34,7 +34,7 @@ pub struct Args {
     /// Model file, or preset.
     #[arg(value_name = "MODEL")]
     pub model: String,
-    /// Runs: CSV files, rosbag2 directories, .mcap files.
+    /// Runs: CSV files, rosbag2 directories, .mcap files, logs of a CAN bus.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// Write the figures as JSON to a file; without a file name, or with -, to stdout in place of the table.

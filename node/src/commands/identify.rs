@@ -61,7 +61,7 @@ pub struct Args {
     /// Minimise Huber's loss in place of squares: residuals beyond N newtons get less weight.
     #[arg(long, value_name = "N")]
     pub huber: Option<f64>,
-    /// Runs to fit: CSV files, rosbag2 directories, .mcap files.
+    /// Runs to fit: CSV files, rosbag2 directories, .mcap files, logs of a CAN bus.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// Model file to write.

@@ -25,7 +25,7 @@ pub struct Args {
     /// Model file, or preset.
     #[arg(value_name = "MODEL")]
     model: String,
-    /// Run: a CSV file, rosbag2 directory or .mcap file. Measured force is used if the run has it.
+    /// Run: a CSV file, rosbag2 directory, .mcap file or log of a CAN bus. Measured force is used if the run has it.
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// File to write.

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 /// Play recorded runs onto the node's input topics.
 ///
-/// Runs are CSV files, rosbag2 directories, or bare .mcap or .db3 files. The original spacing of samples is kept. Stamps
+/// Runs are CSV files, rosbag2 directories, bare .mcap or .db3 files, or logs of a CAN bus. The original spacing of samples is kept. Stamps
 /// are shifted so that the first sample is now; with --clock they are kept, and /clock is published.
 ///
 /// In a terminal, space pauses and resumes, right arrow or s plays one sample while paused, up and down change the speed

@@ -29,19 +29,27 @@ pub struct RunArgs {
     /// Joint to read from JointState topics that have the node's topic names; for topics with other names use --map.
     #[arg(long, value_name = "NAME")]
     pub bag_joint: Option<String>,
-    /// Read a channel from a topic or column with another name; may be given several times.
+    /// DBC file that describes the frames in logs of a CAN bus (.mf4, .asc, .blf, candump's .log); --map names the signal of each
+    /// channel. May be given several times.
+    #[arg(long, value_name = "FILE.dbc")]
+    pub dbc: Vec<PathBuf>,
+    /// Read a channel from a topic, column or signal with another name; may be given several times.
     ///
-    /// A source that begins with a slash is a topic of a bag, any other a column of a CSV file:
+    /// A source that begins with a slash is a topic of a bag. Any other is a column of a CSV file, a signal in
+    /// a log of a CAN bus, or a channel of an MDF4 file:
     ///
     ///   --map displacement=/fl/susp/pos
     ///   --map displacement=/joint_states:fl_damper,sign=-1,offset=0.01
     ///   --map measured_force=/wrench:z
     ///   --map 'displacement=Stroke [mm]' --map measured_force=load,unit=kN --map time=t,unit=ms
+    ///   --dbc car.dbc --map displacement=SUSP_FL.Position,sign=-1 --map measured_force=SUSP_FL.Load
     ///
     /// The value is sign * (reading - offset), as for the node's inputs. The offset
     /// is in SI units (m, m/s, N, A, V, C), also if the reading has another unit.
     /// After a colon comes a joint of sensor_msgs/JointState, or an axis (x, y, z)
-    /// of geometry_msgs/WrenchStamped or TwistStamped.
+    /// of geometry_msgs/WrenchStamped or TwistStamped. After a signal comes the bus, if
+    /// several have its message, as in SUSP_FL.Position:can1. A signal's unit is that of
+    /// the DBC file if the map names none.
     ///
     /// Channels: displacement, velocity, measured_force, coil_current,
     /// command_voltage, case_temperature, body_velocity, force_request,
@@ -88,6 +96,7 @@ impl RunArgs {
             ("--drive", self.drive.is_some()),
             ("--bag-namespace", self.bag_namespace.is_some()),
             ("--bag-joint", self.bag_joint.is_some()),
+            ("--dbc", !self.dbc.is_empty()),
             ("--map", !self.map.is_empty()),
             ("--column", !self.column.is_empty()),
             ("--sign", !self.sign.is_empty()),
@@ -117,6 +126,7 @@ impl RunArgs {
             }),
             namespace: self.bag_namespace.clone(),
             joint: self.bag_joint.clone(),
+            dbc: self.dbc.clone(),
             map,
             signs: self.sign.clone(),
         })

@@ -5,7 +5,7 @@ use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings, Validity};
 use mr_damper_model::sample::{DriveKind, Run, Sample, Trace};
 use mr_damper_node::settings::config::{Config, Damper, RosArgs, TABLE, Value, dampers};
-use mr_damper_runs::{LoadOptions, Loaded, RunError, SaveOptions, load, save};
+use mr_damper_runs::{LoadOptions, Loaded, Map, RunError, SaveOptions, load, save};
 use std::alloc::System;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -56,6 +56,39 @@ pub fn load_run(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> 
         }
     }
     loaded
+}
+
+/// A DBC file with the messages of the seeds.
+const DBC: &str = r#"VERSION ""
+BO_ 288 SUSP_FL: 8 ECU
+ SG_ Position : 0|16@1- (0.01,0.5) [0|0] "mm" ECU
+ SG_ Page M : 16|8@1+ (1,0) [0|0] "" ECU
+ SG_ Oil m1 : 24|16@1- (0.1,-40) [0|0] "degC" ECU
+BO_ 2566848513 RIG: 12 ECU
+ SG_ Load : 7|32@0- (1,0) [0|0] "kN" ECU
+ SG_ Coil : 32|64@1- (1,0) [0|0] "A" ECU
+SIG_VALTYPE_ 2566848513 Load : 1;
+SIG_VALTYPE_ 2566848513 Coil : 2;
+"#;
+
+/// Loads a log of a CAN bus by different maps, and checks each run.
+pub fn check_log(name: &str, bytes: &[u8]) {
+    let (path, dbc) = (file(name, bytes), file("car.dbc", DBC.as_bytes()));
+    let maps = [
+        &["displacement=SUSP_FL.Position", "measured_force=RIG.Load", "case_temperature=SUSP_FL.Oil"][..],
+        &["displacement=RIG.Load,unit=mm,sign=-1", "coil_current=RIG.Coil"],
+        &["displacement=Stroke"],
+        &[],
+    ];
+    for (map, skip_bad_rows) in maps.into_iter().zip([false, true, false, true]) {
+        let mappings = map.iter().map(|text| text.parse().expect("a mapping")).collect();
+        let map = Map::new(mappings).expect("distinct");
+        let options = LoadOptions { dbc: vec![dbc.clone()], map, skip_bad_rows, ..LoadOptions::default() };
+        if let Ok(loaded) = load_run(&path, &options) {
+            check_pipeline_of(&loaded.run);
+            check_csv_of(&loaded.run);
+        }
+    }
 }
 
 /// Checks that a run has finite values, one value per stamp, and increasing stamps.

@@ -67,7 +67,7 @@ class DamperModel:
         slope_window: window of the slope, s.
         rate: rate of the rows, Hz, reached by keeping every n-th sample.
         all_samples: use all samples, not only those in which the damper moves.
-        skip_bad_rows, thesis_txt, drive, bag_namespace, bag_joint, map, column, sign, map_file: how runs are read; see :func:`mr_damper.read_runs`.
+        skip_bad_rows, thesis_txt, drive, bag_namespace, bag_joint, dbc, map, column, sign, map_file: how runs are read; see :func:`mr_damper.read_runs`.
 
     Attributes:
         model_: the identified model (native; immutable).
@@ -105,6 +105,7 @@ class DamperModel:
         drive: Optional[str] = None,
         bag_namespace: Optional[str] = None,
         bag_joint: Optional[str] = None,
+        dbc: Any = None,
         map: Any = None,
         column: Any = None,
         sign: Any = None,

@@ -11,7 +11,7 @@ from typing import Any, Dict, List, Mapping
 _COMMAS = frozenset({"centres", "models", "experiments", "pictures", "effects"})
 
 #: The options that say how runs are read; see ``read_runs``.
-LOAD_OPTIONS = ("skip_bad_rows", "thesis_txt", "drive", "bag_namespace", "bag_joint", "map", "column", "sign", "map_file")
+LOAD_OPTIONS = ("skip_bad_rows", "thesis_txt", "drive", "bag_namespace", "bag_joint", "dbc", "map", "column", "sign", "map_file")
 
 
 def words(options: Mapping[str, Any]) -> List[str]:

@@ -33,7 +33,7 @@ def read_runs(source: Any, *, name: Optional[str] = None, nan: str = "error", **
         name: name of a table in messages and model files; by default ``table``. Tables of a list are numbered.
         nan: ``"empty"``: NaN in arrays and pandas columns is an empty cell.
         options: as on the command line: ``skip_bad_rows`` (bool), ``thesis_txt`` (bool), ``drive`` (``"current_a"`` or ``"command_v"``),
-            ``bag_namespace``, ``bag_joint``, ``map`` (dict of channel and source, or list of ``"CHANNEL=SOURCE[,sign=-1][,unit=U]"``),
+            ``bag_namespace``, ``bag_joint``, ``dbc`` (path or list of paths, for logs of a CAN bus), ``map`` (dict of channel and source, or list of ``"CHANNEL=SOURCE[,sign=-1][,unit=U]"``),
             ``column`` (dict of a name of the run format and the column's own name, such as ``{"force_lbf": "F_lbf"}``), ``sign`` (dict
             of channel and -1, for a sensor that counts in the opposite direction), ``map_file``.
 

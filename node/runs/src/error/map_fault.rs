@@ -89,6 +89,166 @@ pub enum MapFault {
         /// List of the columns in the file.
         columns: String,
     },
+    /// A topic was given for a log of a bus.
+    #[error("{topic} is a topic, and this run is a log of a bus: name a signal, as in MESSAGE.SIGNAL")]
+    TopicOfLog {
+        /// The source as given.
+        topic: String,
+    },
+    /// Time is mapped, but the run is a log of a bus.
+    #[error("frames of a log have their times: leave out the map of time, which is for CSV files")]
+    TimeOfLog,
+    /// The signal is neither in the DBC file nor in the log.
+    #[error("there is no signal `{signal}`{}; {signals}", did_you_mean(nearest))]
+    NoSignal {
+        /// The source as given.
+        signal: String,
+        /// The signal with the most similar name.
+        nearest: Option<String>,
+        /// List of the signals in the log.
+        signals: String,
+    },
+    /// Several signals have the name.
+    #[error("`{signal}` names several signals: {places}; name one of them as MESSAGE.SIGNAL, or rename one")]
+    SignalTwice {
+        /// The source as given.
+        signal: String,
+        /// The signals and their places.
+        places: String,
+    },
+    /// Several messages have the identifier.
+    #[error(
+        "several messages have the identifier {id}: {places}; remove all but the right one from the DBC files"
+    )]
+    MessageTwice {
+        /// The identifier.
+        id: String,
+        /// The messages and their places.
+        places: String,
+    },
+    /// The number of bits does not fit the kind of number.
+    #[error(
+        "{signal} (line {line} of the DBC file) has {bits} bits; 1 to 64 are read, and 16, 32 or 64 for floats"
+    )]
+    SignalLength {
+        /// The signal.
+        signal: String,
+        /// Line in the DBC file.
+        line: usize,
+        /// Number of bits.
+        bits: u32,
+    },
+    /// The signal does not fit into its message.
+    #[error(
+        "{signal} (line {line} of the DBC file) ends in byte {needed} of a message with {has}: correct the DBC file"
+    )]
+    SignalBeyond {
+        /// The signal.
+        signal: String,
+        /// Line in the DBC file.
+        line: usize,
+        /// Number of bytes that hold the signal.
+        needed: u64,
+        /// Number of bytes of the message.
+        has: u64,
+    },
+    /// The multiplexer of a signal is not known.
+    #[error(
+        "{signal} (line {line} of the DBC file) is multiplexed, and the file does not say by which signal: mark one signal of the \
+         message with M, or add SG_MUL_VAL_"
+    )]
+    NoMultiplexer {
+        /// The signal.
+        signal: String,
+        /// Line in the DBC file.
+        line: usize,
+    },
+    /// The unit of a signal is not known.
+    #[error(
+        "{signal} {}; say which unit it is with ,unit=UNIT: units that fit {channel} are {fitting}",
+        if unit.is_empty() { "has no unit".to_owned() } else { format!("has the unit `{unit}`, which is not one of {channel}") }
+    )]
+    SignalUnit {
+        /// The signal.
+        signal: String,
+        /// Its unit; empty if it has none.
+        unit: String,
+        /// The channel.
+        channel: &'static str,
+        /// The units that fit.
+        fitting: String,
+    },
+    /// The log has no frame of the message.
+    #[error("no frame of {message} ({id}) is in the log; {signals}")]
+    NoFrame {
+        /// The message.
+        message: String,
+        /// Its identifier.
+        id: String,
+        /// List of the signals in the log.
+        signals: String,
+    },
+    /// The log has no frame of the message on the named bus.
+    #[error("no frame of {message} was on bus `{bus}`; it was on {}", buses.join(", "))]
+    NoBus {
+        /// The message.
+        message: String,
+        /// The bus as given.
+        bus: String,
+        /// The buses that it was on.
+        buses: Vec<String>,
+    },
+    /// The message was on several buses.
+    #[error(
+        "its message was on several buses ({}): name one after a colon, as in {signal}:{}",
+        buses.join(", "), buses.first().map_or("", String::as_str)
+    )]
+    SeveralBuses {
+        /// The signal.
+        signal: String,
+        /// The buses.
+        buses: Vec<String>,
+    },
+    /// No frame has a value of the signal.
+    #[error(
+        "none of the {frames} frames or records has a finite value of {signal} ({absent} hold other signals by their multiplexer, \
+         {short} are too short): map another signal"
+    )]
+    NoSignalValue {
+        /// The signal.
+        signal: String,
+        /// Number of frames of its message, or of records.
+        frames: u64,
+        /// Number of frames whose multiplexer selects other signals.
+        absent: u64,
+        /// Number of frames that are too short.
+        short: u64,
+    },
+    /// The conversion of a channel of an MDF4 file is not read.
+    #[error(
+        "channel `{channel}` has a conversion of kind {kind}, and only linear and rational ones are read (1 and 2): save the file with \
+         physical values, for example with asammdf"
+    )]
+    Conversion {
+        /// The channel.
+        channel: String,
+        /// The kind, by its number in the standard.
+        kind: u8,
+    },
+    /// A channel of an MDF4 file has no time.
+    #[error("channel `{channel}` has no time channel in its group: map another channel")]
+    NoTime {
+        /// The channel.
+        channel: String,
+    },
+    /// The time of a channel of an MDF4 file is stored by columns.
+    #[error(
+        "channel `{channel}` has its time in another group (storage by columns), which is not read: save the file as MDF 4.10"
+    )]
+    RemoteTime {
+        /// The channel.
+        channel: String,
+    },
     /// The column holds another quantity.
     #[error("column `{column}` holds a {found}, and {channel} is a {needed}: map another column")]
     Quantity {

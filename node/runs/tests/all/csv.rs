@@ -273,8 +273,8 @@ fn paths_without_a_run_are_refused() {
     };
     assert_eq!(
         text(&path),
-        "run.xlsx: not a run: a .xlsx file; a run is a CSV file, a rosbag2 directory with metadata.yaml, or \
-         an .mcap or .db3 file"
+        "run.xlsx: not a run: a .xlsx file; a run is a CSV file, a rosbag2 directory with metadata.yaml, an \
+         .mcap or .db3 file, or a log of a bus (.mf4, .asc, .blf, .log)"
     );
     assert!(text(&dir.path().join("none.csv")).starts_with("none.csv: cannot open: No such file"));
     std::fs::create_dir(dir.path().join("empty")).expect("created");

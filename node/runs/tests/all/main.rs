@@ -8,6 +8,7 @@ mod turn;
 mod run_support;
 
 mod bag;
+mod bus;
 mod csv;
 mod damage;
 mod frame;

@@ -1,0 +1,451 @@
+//! The channels of a run that a log of CAN frames gives: one signal each, as the map says.
+
+use super::dbc::{Database, Message};
+use super::frame::{BusFrame, CanId, FrameSink};
+use super::signal::{Decoded, Presence, Signal, decode};
+use crate::column::Quantity;
+use crate::csv::settle_drive;
+use crate::error::MapFault;
+use crate::map::{Channel, Convert, Mapping};
+use crate::names::topic_of;
+use crate::suggest::{self, FoundSignal};
+use crate::unit::{self, Unit};
+use crate::{LoadOptions, Note, RunError};
+use mr_damper_base::shown::count;
+use mr_damper_model::sample::{Run, Stamp, Trace};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Number of identifiers that a message lists.
+const LISTED_IDS: usize = 8;
+
+/// Where a channel comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Source {
+    /// A signal in the frames of a message: indices in the database, and the bus if the map names one.
+    Signal { message: usize, signal: usize, bus: Option<String> },
+    /// A channel of an MDF4 file, which the reader of the format knows by this number.
+    Plain(usize),
+}
+
+/// One channel while it is read.
+pub(super) struct Series {
+    quantity: Quantity,
+    /// Its name in messages, as in the map.
+    pub(super) name: String,
+    pub(super) source: Source,
+    convert: Convert,
+    trace: Trace,
+    /// Frames of its message, or records of its channel.
+    frames: u64,
+    absent: u64,
+    short: u64,
+    not_finite: u64,
+    not_increasing: u64,
+}
+
+impl Series {
+    /// Takes a value in the unit of the source.
+    pub(super) fn push(&mut self, nanos: i64, raw: f64) {
+        let (stamp, value) = (Stamp::from_nanos(nanos), self.convert.apply(raw));
+        if !value.is_finite() {
+            self.not_finite += 1;
+        } else if self.trace.stamps.last().is_some_and(|&last| stamp <= last) {
+            self.not_increasing += 1;
+        } else {
+            self.trace.stamps.push(stamp);
+            self.trace.values.push(value);
+        }
+    }
+
+    /// Counts a record of its source, whether or not it has a value.
+    pub(super) fn count(&mut self) {
+        self.frames += 1;
+    }
+}
+
+/// The frames of one identifier.
+#[derive(Debug, Default)]
+struct Seen {
+    frames: u64,
+    /// The buses that they were on.
+    buses: Vec<String>,
+    /// The channels that they give.
+    series: Vec<usize>,
+    /// The message, if the database has it.
+    message: Option<usize>,
+}
+
+/// A mapping whose source is not known. The error needs the list of what the log holds.
+struct Unresolved {
+    map: String,
+    quantity: Quantity,
+    source: String,
+}
+
+/// The channels of a run while a log is read.
+pub(super) struct Channels<'a> {
+    options: &'a LoadOptions,
+    database: &'a Database,
+    pub(super) series: Vec<Series>,
+    unresolved: Vec<Unresolved>,
+    seen: BTreeMap<CanId, Seen>,
+    /// The channels of an MDF4 file: name, unit, number of records.
+    plain: Vec<FoundSignal>,
+}
+
+impl<'a> Channels<'a> {
+    /// The channels that the map of `options` names. `plain` are the channels of an MDF4 file; with a source that is a signal of the
+    /// database, the signal has priority.
+    ///
+    /// # Errors
+    /// When a mapping cannot apply to any log with this database.
+    pub(super) fn new(
+        path: &Path,
+        options: &'a LoadOptions,
+        database: &'a Database,
+        plain: Vec<FoundSignal>,
+    ) -> Result<Self, RunError> {
+        let mut channels =
+            Self { options, database, series: vec![], unresolved: vec![], seen: BTreeMap::new(), plain };
+        for mapping in options.map.all() {
+            channels.add(mapping).map_err(|why| RunError::Map {
+                path: path.to_owned(),
+                map: mapping.to_string(),
+                why: Box::new(why),
+            })?;
+        }
+        channels.add_by_name();
+        Ok(channels)
+    }
+
+    fn add(&mut self, mapping: &Mapping) -> Result<(), MapFault> {
+        let Channel::Known(quantity, unit) = mapping.channel else { return Err(MapFault::TimeOfLog) };
+        let name = mapping.source.clone();
+        if mapping.topic().is_some() {
+            return Err(MapFault::TopicOfLog { topic: name });
+        }
+        let Some((source, known_unit)) = self.source(&name)? else {
+            self.unresolved.push(Unresolved { map: mapping.to_string(), quantity, source: name });
+            return Ok(());
+        };
+        let dimension = quantity.dimension();
+        let unit = match unit.or_else(|| Unit::named(dimension, &known_unit)) {
+            Some(unit) => unit,
+            None => {
+                let fitting: Vec<&str> = unit::of(dimension).iter().map(|unit| unit.name).collect();
+                let (unit, channel) = (known_unit, topic_of(quantity));
+                return Err(MapFault::SignalUnit {
+                    signal: name,
+                    unit,
+                    channel,
+                    fitting: fitting.join(", "),
+                });
+            }
+        };
+        self.push(quantity, name, source, mapping.convert(unit.to_si));
+        Ok(())
+    }
+
+    /// Channels of an MDF4 file that have names of the run format are read without a map, as columns of a CSV file are.
+    fn add_by_name(&mut self) {
+        for index in 0..self.plain.len() {
+            let crate::column::Column::Known(quantity, to_si) =
+                crate::column::Column::of_header(&self.plain[index].source)
+            else {
+                continue;
+            };
+            let is_taken = self.options.map.of(quantity).is_some()
+                || self.series.iter().any(|it| it.quantity == quantity);
+            if !is_taken {
+                let name = self.plain[index].source.clone();
+                self.push(quantity, name, Source::Plain(index), Convert::plain(to_si));
+            }
+        }
+    }
+
+    fn push(&mut self, quantity: Quantity, name: String, source: Source, convert: Convert) {
+        if let Source::Signal { message, .. } = &source {
+            let id = self.database.messages[*message].id;
+            self.seen.entry(id).or_default().series.push(self.series.len());
+        }
+        let (trace, frames) = (Trace::default(), 0);
+        let [absent, short, not_finite, not_increasing] = [0; 4];
+        self.series.push(Series {
+            quantity,
+            name,
+            source,
+            convert,
+            trace,
+            frames,
+            absent,
+            short,
+            not_finite,
+            not_increasing,
+        });
+    }
+
+    /// The source that `name` means, and its unit; `None` if nothing has this name.
+    fn source(&self, name: &str) -> Result<Option<(Source, String)>, MapFault> {
+        if let Some(found) = self.signal(name, None)? {
+            return Ok(Some(found));
+        }
+        if let Some((signal, bus)) = name.rsplit_once(':')
+            && let Some(found) = self.signal(signal, Some(bus))?
+        {
+            return Ok(Some(found));
+        }
+        let same: Vec<usize> = self
+            .plain
+            .iter()
+            .enumerate()
+            .filter(|(_, found)| found.source == name)
+            .map(|(index, _)| index)
+            .collect();
+        match same.as_slice() {
+            [] => {}
+            [only] => return Ok(Some((Source::Plain(*only), self.plain[*only].unit.clone()))),
+            several => {
+                let groups: Vec<String> =
+                    several.iter().map(|index| format!("{name}:{}", self.plain[*index].group)).collect();
+                return Err(MapFault::SignalTwice { signal: name.to_owned(), places: groups.join(", ") });
+            }
+        }
+        let of_group =
+            name.rsplit_once(':').and_then(|(name, group)| Some((name, group.parse::<usize>().ok()?)));
+        let is_it = |found: &FoundSignal| Some((&*found.source, found.group)) == of_group;
+        let found = self.plain.iter().position(is_it);
+        Ok(found.map(|index| (Source::Plain(index), self.plain[index].unit.clone())))
+    }
+
+    /// The signal that `name` means: `MESSAGE.SIGNAL`, or `SIGNAL` if one message has it.
+    fn signal(&self, name: &str, bus: Option<&str>) -> Result<Option<(Source, String)>, MapFault> {
+        let all = || self.database.messages.iter().enumerate();
+        let found = |index: usize, of: &'a Message, wanted: &str| {
+            let signals = of.signals.iter().enumerate().filter(|(_, signal)| signal.name == wanted);
+            signals.map(|(signal, _)| (index, signal)).collect::<Vec<_>>()
+        };
+        let mut matches: Vec<(usize, usize)> = match name.split_once('.') {
+            Some((message, signal)) => all()
+                .filter(|(_, it)| it.name == message)
+                .flat_map(|(index, it)| found(index, it, signal))
+                .collect(),
+            None => Vec::new(),
+        };
+        if matches.is_empty() {
+            matches = all().flat_map(|(index, it)| found(index, it, name)).collect();
+        }
+        let place = |(message, signal): &(usize, usize)| {
+            let of = &self.database.messages[*message];
+            let signal = &of.signals[*signal];
+            format!("{}.{} ({}, line {})", of.name, signal.name, self.database.file(of), signal.line)
+        };
+        let (message, signal) = match matches.as_slice() {
+            [] => return Ok(None),
+            [only] => *only,
+            several => {
+                let places: Vec<String> = several.iter().map(place).collect();
+                return Err(MapFault::SignalTwice { signal: name.to_owned(), places: places.join(", ") });
+            }
+        };
+        let of = &self.database.messages[message];
+        let twins: Vec<String> = all()
+            .filter(|(_, other)| other.id == of.id)
+            .map(|(_, it)| format!("{} ({}, line {})", it.name, self.database.file(it), it.line))
+            .collect();
+        if twins.len() > 1 {
+            return Err(MapFault::MessageTwice { id: of.id.to_string(), places: twins.join(", ") });
+        }
+        check_signal(of, &of.signals[signal])?;
+        let unit = of.signals[signal].unit.clone();
+        Ok(Some((Source::Signal { message, signal, bus: bus.map(str::to_owned) }, unit)))
+    }
+
+    /// The signals that occur in the log, and the channels of an MDF4 file.
+    fn found(&self) -> Vec<FoundSignal> {
+        let of_message = |seen: &Seen| {
+            let message = &self.database.messages[seen.message?];
+            let frames = seen.frames;
+            let signals = message.signals.iter().filter(|signal| check_signal(message, signal).is_ok());
+            let found = signals.map(move |signal| FoundSignal {
+                source: format!("{}.{}", message.name, signal.name),
+                unit: signal.unit.clone(),
+                frames,
+                group: 0,
+            });
+            Some(found.collect::<Vec<_>>())
+        };
+        let mut found: Vec<FoundSignal> = self.seen.values().filter_map(of_message).flatten().collect();
+        found.extend(self.plain.iter().filter(|found| found.frames > 0).cloned());
+        found
+    }
+
+    /// A list of the signals in the log for the channel, or what the log holds in their place.
+    fn listing(&self, quantity: Quantity) -> String {
+        let found = self.found();
+        if !found.is_empty() {
+            return suggest::signal_listing(quantity, &found);
+        }
+        let ids: Vec<String> =
+            self.seen.iter().filter(|(_, seen)| seen.frames > 0).map(|(id, _)| id.to_string()).collect();
+        if ids.is_empty() {
+            return "the log has no data frame".to_owned();
+        }
+        let shown = ids.iter().take(LISTED_IDS).map(String::as_str).collect::<Vec<_>>().join(", ");
+        let more = if ids.len() > LISTED_IDS { ", ..." } else { "" };
+        let number = count(ids.len(), "identifier");
+        format!(
+            "the DBC file describes none of the {number} in the log ({shown}{more}): give the DBC file of this bus"
+        )
+    }
+
+    /// The run, after the log was read.
+    pub(super) fn into_run(self, path: &Path, notes: &mut Vec<Note>) -> Result<Run, RunError> {
+        let fail = |map: String, why| RunError::Map { path: path.to_owned(), map, why: Box::new(why) };
+        if let Some(Unresolved { map, quantity, source }) = self.unresolved.first() {
+            let found = self.found();
+            let nearest =
+                suggest::nearest(source, found.iter().map(|found| &*found.source)).map(str::to_owned);
+            let (signal, signals) = (source.clone(), self.listing(*quantity));
+            return Err(fail(map.clone(), MapFault::NoSignal { signal, nearest, signals }));
+        }
+        for series in &self.series {
+            self.check(series)
+                .map_err(|why| fail(format!("{}={}", topic_of(series.quantity), series.name), why))?;
+        }
+        let has = |wanted: Quantity| self.series.iter().any(|series| series.quantity == wanted);
+        if !has(Quantity::Displacement) {
+            let found = self.found();
+            let line = suggest::signal_line_for(Quantity::Displacement, &found);
+            let line =
+                line.map(|line| format!("say which signal it is, for example {line}; ")).unwrap_or_default();
+            let hint = format!("{line}{}", self.listing(Quantity::Displacement));
+            return Err(RunError::NoDisplacement { path: path.to_owned(), hint });
+        }
+        notes.extend(self.could_serve());
+        let mut run = Run { name: path.display().to_string(), ..Run::default() };
+        let mut drives: [Option<(String, Trace)>; 2] = [None, None];
+        for series in self.series {
+            series.notes(notes);
+            let Series { quantity, name, trace, .. } = series;
+            match quantity {
+                Quantity::Displacement => run.displacement_m = trace,
+                Quantity::Velocity => run.velocity_m_s = Some(trace),
+                Quantity::Force => run.force_n = Some(trace),
+                Quantity::Current => drives[0] = Some((name, trace)),
+                Quantity::Command => drives[1] = Some((name, trace)),
+                Quantity::CaseTemperature => run.case_temp_c = Some(trace),
+                Quantity::BodyVelocity => run.body_velocity_m_s = Some(trace),
+                Quantity::ForceRequest => run.force_request_n = Some(trace),
+                Quantity::AmbientTemperature | Quantity::Setpoint => {
+                    run.other.push((quantity.si_name().to_owned(), trace));
+                }
+            }
+        }
+        settle_drive(path, drives, self.options, &mut run)?;
+        Ok(run)
+    }
+
+    /// Refuses a channel without samples, and one from several buses.
+    fn check(&self, series: &Series) -> Result<(), MapFault> {
+        let signal = series.name.clone();
+        if let Source::Signal { message, bus: None, .. } = &series.source {
+            let seen = self.seen.get(&self.database.messages[*message].id);
+            let buses = seen.map(|seen| seen.buses.as_slice()).unwrap_or_default();
+            if buses.len() > 1 {
+                return Err(MapFault::SeveralBuses { signal, buses: buses.to_vec() });
+            }
+        }
+        if !series.trace.is_empty() {
+            return Ok(());
+        }
+        let signals = self.listing(series.quantity);
+        match &series.source {
+            Source::Signal { message, bus, .. } if series.frames == 0 => {
+                let of = &self.database.messages[*message];
+                let (message, id) = (of.name.clone(), of.id.to_string());
+                let seen = self.seen.get(&of.id).map(|seen| seen.buses.clone()).unwrap_or_default();
+                match bus {
+                    Some(bus) if !seen.is_empty() => {
+                        Err(MapFault::NoBus { message, bus: bus.clone(), buses: seen })
+                    }
+                    _ => Err(MapFault::NoFrame { message, id, signals }),
+                }
+            }
+            _ => {
+                let (frames, absent, short) = (series.frames, series.absent, series.short);
+                Err(MapFault::NoSignalValue { signal, frames, absent, short })
+            }
+        }
+    }
+
+    /// A note with signals that may hold the force or the drive, if these are missing.
+    fn could_serve(&self) -> Option<Note> {
+        let has = |wanted: Quantity| self.series.iter().any(|series| series.quantity == wanted);
+        let found = self.found();
+        let mut lines = Vec::new();
+        if !has(Quantity::Force) {
+            lines.extend(suggest::likely_signal_line_for(Quantity::Force, &found));
+        }
+        if !has(Quantity::Current) && !has(Quantity::Command) {
+            lines.extend(suggest::likely_signal_line_for(Quantity::Current, &found));
+        }
+        (!lines.is_empty()).then_some(Note::CouldServe { lines })
+    }
+}
+
+impl Series {
+    fn notes(&self, notes: &mut Vec<Note>) {
+        let signal = || self.name.clone();
+        let counts = [(self.not_finite, "NaN or infinite values"), (self.short, "too few data bytes for it")];
+        for (count, what) in counts.into_iter().filter(|(count, _)| *count > 0) {
+            notes.push(Note::SignalDropped { signal: signal(), count, what });
+        }
+        if self.not_increasing > 0 {
+            notes.push(Note::SignalNotIncreasing { signal: signal(), count: self.not_increasing });
+        }
+    }
+}
+
+/// Refuses a signal that no frame can hold, or whose multiplexer is not known.
+fn check_signal(message: &Message, signal: &Signal) -> Result<(), MapFault> {
+    let name = || format!("{}.{}", message.name, signal.name);
+    if !signal.has_good_length() {
+        return Err(MapFault::SignalLength { signal: name(), line: signal.line, bits: signal.length });
+    }
+    if signal.end() > message.bytes {
+        let (needed, has) = (signal.end(), message.bytes);
+        return Err(MapFault::SignalBeyond { signal: name(), line: signal.line, needed, has });
+    }
+    if signal.presence == Presence::Unknown {
+        return Err(MapFault::NoMultiplexer { signal: name(), line: signal.line });
+    }
+    Ok(())
+}
+
+impl FrameSink for Channels<'_> {
+    fn frame(&mut self, frame: &BusFrame<'_>) {
+        let database = self.database;
+        let seen = self.seen.entry(frame.id).or_default();
+        if seen.frames == 0 {
+            seen.message = database.messages.iter().position(|message| message.id == frame.id);
+        }
+        seen.frames += 1;
+        if !seen.buses.iter().any(|bus| frame.bus.is(bus)) && seen.buses.len() < 64 {
+            seen.buses.push(frame.bus.to_string());
+        }
+        for &index in &seen.series {
+            let series = &mut self.series[index];
+            let Source::Signal { message, signal, bus } = &series.source else { continue };
+            if bus.as_ref().is_some_and(|bus| !frame.bus.is(bus)) {
+                continue;
+            }
+            series.frames += 1;
+            match decode(&database.messages[*message].signals, *signal, frame.data) {
+                Decoded::Value(value) => series.push(frame.nanos, value),
+                Decoded::Absent => series.absent += 1,
+                Decoded::Short => series.short += 1,
+            }
+        }
+    }
+}
