@@ -32,6 +32,7 @@
 pub mod a2l;
 mod error;
 mod features;
+pub mod fmu;
 mod forces;
 mod fragment;
 mod parameter;

@@ -45,6 +45,12 @@ pub struct CSource {
     pub header: String,
     /// `NAME.c`.
     pub source: String,
+    /// The model with its effects, in one line.
+    pub title: String,
+    /// Where the model comes from, line by line.
+    pub provenance: Vec<String>,
+    /// Rate of the model's training data, Hz; 0 if it is not known.
+    pub rate_hz: f64,
     /// The fields of the parameters' structure, in order.
     pub parameters: Vec<CParameter>,
     /// The drive, if the model needs one.
@@ -53,6 +59,13 @@ pub struct CSource {
     pub needs_velocity: bool,
     /// True if the step has the case temperature among its inputs.
     pub needs_temperature: bool,
+}
+
+impl CSource {
+    /// `text` with the names of this export.
+    pub(crate) fn named(&self, text: &str) -> String {
+        named(&self.name, text)
+    }
 }
 
 /// An effect in the source.
@@ -127,11 +140,24 @@ impl<'a> CExport<'a> {
             name: self.name.clone(),
             header,
             source,
+            title: self.title(),
+            provenance: self.provenance.clone(),
+            rate_hz: model.rate_hz,
             parameters: parts.parameters,
             drive: model.force.drive(),
             needs_velocity: model.conditioning.velocity == VelocitySource::Measured,
             needs_temperature: model.effects.need(Need::CaseTemperature),
         })
+    }
+
+    /// The model with its effects.
+    fn title(&self) -> String {
+        let model = self.model;
+        let effects: Vec<String> =
+            model.effects.as_slice().iter().map(|effect| effect.effect().title()).collect();
+        let effects =
+            if effects.is_empty() { String::new() } else { format!(" with {}", effects.join(", ")) };
+        format!("Model {}{effects}", model.force.name())
     }
 
     fn check_name(&self) -> Result<(), ExportError> {
@@ -305,14 +331,9 @@ impl<'a> CExport<'a> {
 
     /// The comment at the head of each file.
     fn preface(&self, ending: &str) -> String {
-        let model = self.model;
-        let effects: Vec<String> =
-            model.effects.as_slice().iter().map(|effect| effect.effect().title()).collect();
-        let effects =
-            if effects.is_empty() { String::new() } else { format!(" with {}", effects.join(", ")) };
         let mut lines = vec![
             format!("{}{ending}: force of a magneto-rheological damper.", self.name),
-            format!("Model {}{effects}.", model.force.name()),
+            format!("{}.", self.title()),
         ];
         lines.extend(self.provenance.iter().cloned());
         lines.push("Written by `mr-damper export`. C99; needs no C library, no heap and no globals. double throughout.".to_owned());
@@ -448,8 +469,11 @@ impl Text<'_> {
                 what: "it is not filled in".to_owned(),
             });
         }
-        Ok(text
-            .replace("mrd_", &format!("{}_", self.export.name))
-            .replace("MRD_", &format!("{}_", self.export.name.to_ascii_uppercase())))
+        Ok(named(&self.export.name, &text))
     }
+}
+
+/// `text` with `name` in the place of `mrd`.
+fn named(name: &str, text: &str) -> String {
+    text.replace("mrd_", &format!("{name}_")).replace("MRD_", &format!("{}_", name.to_ascii_uppercase()))
 }

@@ -112,6 +112,18 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
     all
 }
 
+/// The readings of `all` whose time is later than that of all readings before, as in a simulation.
+#[must_use]
+pub fn increasing(mut all: Vec<Readings>) -> Vec<Readings> {
+    let mut last_ns = i64::MIN;
+    all.retain(|reading| {
+        let is_later = reading.time_ns > last_ns;
+        last_ns = last_ns.max(reading.time_ns);
+        is_later
+    });
+    all
+}
+
 /// The results of the service's free-run channel for `readings`, with default settings and without measured force.
 ///
 /// # Errors

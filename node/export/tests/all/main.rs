@@ -4,3 +4,4 @@ mod back_to_back;
 mod cases;
 mod compile;
 mod cortex;
+mod fmu;
