@@ -83,7 +83,7 @@ int main(int count, char **arguments) {
     char *bytes;
     int status = 1;
     int64_t time_ns;
-    double given[4], force = 0.0, again = 0.0, value = 0.0, nan;
+    double given[5], force = 0.0, again = 0.0, value = 0.0, nan;
 
     NEED(strcmp(fmi2GetVersion(), "2.0") == 0 && strcmp(fmi2GetTypesPlatform(), "default") == 0);
     NEED(fmi2Instantiate("a", 1, "{other}", "", &calls, 0, 1) == NULL && strstr(message_of.text, "GUID") != NULL);

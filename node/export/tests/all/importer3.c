@@ -79,7 +79,7 @@ int main(int count, char **arguments) {
     void *fmu, *state = NULL, *copy = NULL;
     uint8_t *bytes;
     int64_t time_ns;
-    double given[4], force = 0.0, again = 0.0, value = 0.0, nan;
+    double given[5], force = 0.0, again = 0.0, value = 0.0, nan;
 
     NEED(strcmp(fmi3GetVersion(), "3.0") == 0);
     NEED(fmi3InstantiateCoSimulation("a", "{other}", "", false, true, false, false, NULL, 0U, &message_of, keep, NULL) == NULL);

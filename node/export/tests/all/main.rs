@@ -5,3 +5,4 @@ mod cases;
 mod compile;
 mod cortex;
 mod fmu;
+mod inverse;
