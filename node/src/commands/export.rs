@@ -6,7 +6,9 @@ use crate::settings::error::{NodeError, PartError};
 use mr_damper_base::shown;
 use mr_damper_export::fmu::{FmiVersion, Fmu};
 use mr_damper_export::{CExport, CSource, ExportError, a2l, vectors};
-use mr_damper_model::pipeline::Models;
+use mr_damper_model::inverse::{InverseController, InverseParts, Limits, Method};
+use mr_damper_model::model::Model;
+use mr_damper_model::pipeline::{Models, Settings};
 use mr_damper_runs::{write_bytes, write_text};
 use std::fs;
 use std::io::ErrorKind;
@@ -42,6 +44,16 @@ pub struct Args {
     /// What all names in the code begin with: letters, digits and _, beginning with a letter.
     #[arg(long, value_name = "NAME", default_value = "damper")]
     name: String,
+    /// Also write the inverse controller, which commands a coil current for a requested force: search (on the model), or
+    /// polynomial or fuzzy (functions fitted to the model). Only in the files of --c.
+    #[arg(long, value_name = "METHOD", requires = "c", value_parser = ["search", "polynomial", "fuzzy"])]
+    inverse: Option<String>,
+    /// Largest current of the inverse, A.
+    #[arg(long, value_name = "A", default_value_t = Limits::default().current_max_a, requires = "inverse")]
+    current_max: f64,
+    /// Largest rate of change of the inverse's current, A/s; by default it is not limited.
+    #[arg(long, value_name = "A/S", requires = "inverse")]
+    rate_max: Option<f64>,
     /// Also write test vectors to this file. With --fmu, their time increases, as in a simulation.
     #[arg(long, value_name = "FILE.csv")]
     vectors: Option<PathBuf>,
@@ -63,6 +75,28 @@ pub struct Args {
 
 impl PartError for ExportError {}
 
+impl Args {
+    /// The service's default settings, with the method and the limits of the inverse.
+    fn settings(&self) -> Settings {
+        let limits = Limits {
+            current_max_a: self.current_max,
+            rate_max_a_s: self.rate_max.unwrap_or(f64::INFINITY),
+            ..Limits::default()
+        };
+        let method = self.inverse.as_deref().and_then(Method::named).unwrap_or_default();
+        Settings { limits, method, ..Settings::default() }
+    }
+
+    /// The inverse, if one was asked for.
+    fn inverse_parts(&self, model: &Model, settings: &Settings) -> Result<Option<InverseParts>, NodeError> {
+        if self.inverse.is_none() {
+            return Ok(None);
+        }
+        let controller = InverseController::with_method(model, settings.limits, settings.method)?;
+        Ok(controller.parts())
+    }
+}
+
 /// Parses a hexadecimal address, with or without 0x.
 fn address(text: &str) -> Result<u64, String> {
     let digits = text.strip_prefix("0x").unwrap_or(text);
@@ -76,14 +110,21 @@ fn address(text: &str) -> Result<u64, String> {
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let model = models::load(&args.model)?;
     let hash = models::hash(&Models::alone(model))?;
-    let source = CExport::new(&args.name, &model)
+    let export = CExport::new(&args.name, &model)
         .provenance(format!("From {}.", args.model))
-        .provenance(format!("Model hash {hash}, as the node publishes it."))
-        .source()
-        .map_err(|error| match error {
+        .provenance(format!("Model hash {hash}, as the node publishes it."));
+    let written_from = |export: &CExport<'_>| {
+        export.source().map_err(|error| match error {
             ExportError::Name { .. } => NodeError::Usage(error.to_string()),
             other => other.into(),
-        })?;
+        })
+    };
+    let settings = args.settings();
+    let inverse = args.inverse_parts(&model, &settings)?;
+    let source = match &inverse {
+        Some(parts) => written_from(&export.clone().inverse(parts))?,
+        None => written_from(&export)?,
+    };
     let mut written = Vec::new();
     if let Some(folder) = &args.c {
         let fault =
@@ -95,7 +136,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     if let Some(path) = &args.fmu {
         let version = FmiVersion::named(&args.fmi).unwrap_or_default();
-        let fmu = Fmu::new(&source, version);
+        let estimator = written_from(&export)?;
+        let fmu = Fmu::new(&estimator, version);
         let binary = compiled(&fmu, version, context)?;
         write_bytes(path, &fmu.archive(binary.as_deref())?)?;
         written.push(path.clone());
@@ -105,7 +147,14 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         if args.fmu.is_some() {
             readings = vectors::increasing(readings);
         }
-        write(&mut written, path.clone(), &vectors::csv(&model, &readings)?)?;
+        let text = match &inverse {
+            Some(parts) => {
+                let readings = vectors::with_requests(readings, parts.most_n, 1);
+                vectors::csv_with_commands(&model, &settings, &readings)?
+            }
+            None => vectors::csv(&model, &readings)?,
+        };
+        write(&mut written, path.clone(), &text)?;
     }
     if let Some(path) = &args.a2l {
         write(&mut written, path.clone(), &calibration_file(args, &source))?;

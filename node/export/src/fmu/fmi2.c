@@ -64,8 +64,8 @@ static void mrd_say(const fmi2CallbackFunctions *callbacks, fmi2String name, con
 }
 
 static fmi2Status mrd_fail(const mrd_instance *of, const char *function, const char *what) {
-    char message[512];
     if (of->logging_on) {
+        char message[512];
         (void)snprintf(message, sizeof message, "%s: %s.", function, what);
         mrd_say(of->callbacks, of->name, message);
     }

@@ -71,8 +71,8 @@ typedef struct {
 } mrd_instance;
 
 static fmi3Status mrd_fail(const mrd_logger *to, const char *function, const char *what) {
-    char message[512];
     if (to->is_on && to->log != NULL) {
+        char message[512];
         (void)snprintf(message, sizeof message, "%s: %s.", function, what);
         to->log(to->environment, fmi3Error, "logStatusError", message);
     }
