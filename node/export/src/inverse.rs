@@ -14,7 +14,7 @@ pub(crate) struct Inverse<'a> {
     parts: &'a InverseParts,
     /// Fragments, besides those that they need, in the order of the source.
     pub(crate) fragments: Vec<&'static str>,
-    /// Indices of the model's effects that are in its model: those of the damper without lags of the coil.
+    /// Indices of the model's effects that are in its model: effects of the damper without lags of the coil.
     pub(crate) kept: Vec<usize>,
     /// Index of the lag that the lead compensates: the outermost one.
     coil: Option<usize>,
@@ -60,7 +60,7 @@ impl<'a> Inverse<'a> {
         }
     }
 
-    /// Fields of the time constants of the coil in `fields`, which has those of each effect.
+    /// Fields of the time constants of the coil; `fields` has the fields of each effect.
     pub(crate) fn coil_fields<'f>(&self, fields: &[&'f [String]]) -> [&'f str; 2] {
         match self.coil.map(|index| fields[index]) {
             Some([rise, fall]) => [rise, fall],

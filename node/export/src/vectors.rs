@@ -161,7 +161,7 @@ pub fn with_requests(mut all: Vec<Readings>, most_n: f64, seed: u64) -> Vec<Read
     all
 }
 
-/// The readings of `all` whose time is later than that of all readings before, as in a simulation.
+/// The readings of `all` that are later than all readings before, as in a simulation.
 #[must_use]
 pub fn increasing(mut all: Vec<Readings>) -> Vec<Readings> {
     let mut last_ns = i64::MIN;
@@ -299,7 +299,7 @@ pub fn csv(model: &Model, readings: &[Readings]) -> Result<String, Error> {
 pub fn csv_with_commands(model: &Model, settings: &Settings, readings: &[Readings]) -> Result<String, Error> {
     let drive = model.force.drive().map_or("drive", |kind| kind.name());
     let mut text = format!(
-        "time_ns,displacement_m,{drive},velocity_m_s,case_temp_c,force_request_n,accepted,force_n,flags,current_a,expected_n,\
+        "time_ns,displacement_m,{drive},velocity_m_s,case_temp_c,force_request_n,accepted,force_n,flags,command_a,expected_n,\
          least_n,most_n,limited_by\n"
     );
     let cell = |value: f64| if value.is_nan() { String::new() } else { format!("{value:?}") };

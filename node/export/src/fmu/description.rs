@@ -108,17 +108,17 @@ pub(super) fn inputs(source: &CSource) -> Vec<Input> {
     let mut all = vec![input(1, "displacement_m", about, "m", [-far_m, far_m], 0.0)];
     if let Some(kind) = source.drive {
         let about = match kind {
-            DriveKind::CoilCurrent => "coil current; NaN if there is no new reading",
-            DriveKind::CommandVoltage => "command voltage; NaN if there is no new reading",
+            DriveKind::CoilCurrent => "coil current; NaN without a new reading",
+            DriveKind::CommandVoltage => "command voltage; NaN without a new reading",
         };
         all.push(input(2, kind.name(), about, kind.unit(), [-1e3, 1e3], 0.0));
     }
     if source.needs_velocity {
-        let about = "measured velocity, positive in extension; NaN if there is no new reading";
+        let about = "measured velocity, positive in extension; NaN without a new reading";
         all.push(input(3, "velocity_m_s", about, "m/s", [-fast_m_s, fast_m_s], 0.0));
     }
     if source.needs_temperature {
-        let about = "temperature of the damper's case; NaN if there is no new reading";
+        let about = "temperature of the damper's case; NaN without a new reading";
         all.push(input(4, "case_temp_c", about, "degrees Celsius", [-100.0, 400.0], 25.0));
     }
     all

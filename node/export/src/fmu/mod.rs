@@ -59,8 +59,8 @@ impl FmiVersion {
         Self::ALL.into_iter().find(|version| version.name() == name)
     }
 
-    /// Folder of the shared object for this machine in the archive, and the object's extension; `None` on a machine that has none in the
-    /// standard.
+    /// Folder of the shared object for this machine in the archive, and the object's extension; `None` on a machine that the
+    /// standard does not name.
     #[must_use]
     pub fn platform(self) -> Option<(&'static str, &'static str)> {
         match (self, std::env::consts::ARCH, std::env::consts::OS) {
@@ -254,13 +254,13 @@ impl<'a> Fmu<'a> {
 
 /// The bits of `flags`.
 const FLAGS: [(u32, &str); 9] = [
-    (1, "no drive has been read yet: there is no force"),
+    (1, "a drive has not been read yet, and there is no force"),
     (2, "the last drive is older than parameters.input_timeout_s"),
     (8, "the displacement before is older than parameters.gap_s, or was at another place"),
     (16, "a reading since the last estimate was refused"),
     (32, "the model extrapolates beyond its training data"),
     (512, "the filters have not settled yet"),
-    (8192, "no case temperature has been read yet"),
+    (8192, "a case temperature has not been read yet"),
     (16_384, "a refused reading was beyond what its sensor can have"),
     (32_768, "a refused displacement would have needed too high a speed"),
 ];

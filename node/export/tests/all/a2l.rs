@@ -1,4 +1,4 @@
-//! Addresses in a calibration file against those of a linked program.
+//! Addresses in a calibration file against a linked program.
 
 use crate::cases::{effects, fuzzy_tanh, learned, with};
 use crate::compile::is_here;

@@ -3,8 +3,10 @@
 use crate::back_to_back::assert_same;
 use crate::cases::{Case, effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::{compilers, parse, run_bytes, write};
-use mr_damper_export::CExport;
-use mr_damper_export::vectors::{ExpectedCommand, Readings, expected_commands, readings, with_requests};
+use mr_damper_export::vectors::{
+    Expected, ExpectedCommand, Readings, expected_commands, readings, with_requests,
+};
+use mr_damper_export::{CExport, CSource};
 use mr_damper_model::effect::{Effect, EffectModel};
 use mr_damper_model::inverse::{InverseController, Limits, Method};
 use mr_damper_model::model::Model;
@@ -12,7 +14,13 @@ use mr_damper_model::pipeline::Settings;
 
 /// Commands of a case: few in a quick run, or MR_DAMPER_EXPORT_SAMPLES.
 fn count() -> usize {
-    std::env::var("MR_DAMPER_EXPORT_SAMPLES").ok().and_then(|text| text.parse().ok()).unwrap_or(4_000)
+    std::env::var("MR_DAMPER_EXPORT_SAMPLES").ok().and_then(|text| text.parse().ok()).unwrap_or(QUICK)
+}
+
+const QUICK: usize = 3_000;
+
+fn is_quick() -> bool {
+    count() <= QUICK
 }
 
 /// Fails at the first command that differs. Returns how many had a force, were limited by the range of the current, by its rate, by
@@ -52,30 +60,53 @@ fn assert_commands(what: &str, all: &[Readings], service: &[ExpectedCommand], ex
     seen
 }
 
+/// An export with its inverse, readings, and the service's results for them.
+pub(crate) struct Prepared {
+    pub(crate) source: CSource,
+    pub(crate) all: Vec<Readings>,
+    estimates: Vec<Expected>,
+    commands: Vec<ExpectedCommand>,
+}
+
+impl Prepared {
+    /// `None` for a model without an inverse by `method`.
+    pub(crate) fn of(model: &Model, method: Method, limits: Limits, count: usize, seed: u64) -> Option<Self> {
+        let controller = InverseController::with_method(model, limits, method).ok()?;
+        let parts = controller.parts().expect("not a learned inverse");
+        let settings = Settings { limits, method, ..Settings::default() };
+        let all = with_requests(readings(model, count, seed), parts.most_n, seed);
+        let both = expected_commands(model, &settings, &all).expect("a pipeline");
+        let (estimates, commands): (Vec<_>, Vec<_>) = both.into_iter().unzip();
+        let source = CExport::new("damper", model).inverse(&parts).source().expect("it is exported");
+        Some(Self { source, all, estimates, commands })
+    }
+
+    /// Compares what the exported code wrote; see [`assert_commands`].
+    pub(crate) fn compare(&self, what: &str, found: &[u8]) -> [usize; 5] {
+        let exported: Vec<_> = found.chunks_exact(80).map(parse).collect();
+        assert_same(what, &self.all, &self.estimates, &exported);
+        assert_commands(what, &self.all, &self.commands, found)
+    }
+}
+
 /// Compares the inverse of `model` by `method` within `limits` on each compiler, at two levels of optimisation.
 fn check(name: &str, model: &Model, method: Method, limits: Limits, seed: u64) -> Option<[usize; 5]> {
-    let controller = InverseController::with_method(model, limits, method).ok()?;
-    let parts = controller.parts().expect("not a learned inverse");
-    let settings = Settings { limits, method, ..Settings::default() };
-    let all = with_requests(readings(model, count(), seed), parts.most_n, seed);
-    let both = expected_commands(model, &settings, &all).expect("a pipeline");
-    let (estimates, commands): (Vec<_>, Vec<_>) = both.into_iter().unzip();
-    let source = CExport::new("damper", model).inverse(&parts).source().expect("it is exported");
+    let own = Prepared::of(model, method, limits, count(), seed)?;
     let dir = tempfile::tempdir().expect("a directory");
-    write(dir.path(), &source);
+    write(dir.path(), &own.source);
     let mut seen = [0; 5];
-    for (compiler, level) in compilers().into_iter().zip(["-O3", "-O0"]) {
+    // A quick run takes one compiler for each case, in turn.
+    let pairs: Vec<_> = compilers().into_iter().zip(["-O3", "-O0"]).collect();
+    let pairs = if is_quick() { &pairs[seed as usize % pairs.len()..][..1] } else { &pairs };
+    for (compiler, level) in pairs {
         let what = format!("{name}, {}, {compiler} {level}", method.name());
-        let found = run_bytes(dir.path(), &source, compiler, level, &all);
-        let exported: Vec<_> = found.chunks_exact(80).map(parse).collect();
-        assert_same(&what, &all, &estimates, &exported);
-        seen = assert_commands(&what, &all, &commands, &found);
+        seen = own.compare(&what, &run_bytes(dir.path(), &own.source, compiler, level, &own.all));
     }
     assert!(seen[0] > count() / 3, "{name}: only {} of {} commands have a force", seen[0], count());
     Some(seen)
 }
 
-const TIGHT: Limits = Limits {
+pub(crate) const TIGHT: Limits = Limits {
     current_max_a: 1.6,
     rate_max_a_s: 40.0,
     safe_a: 0.3,
@@ -95,7 +126,7 @@ fn every_effect_has_the_services_commands() {
         seen = std::array::from_fn(|k| seen[k] + own.map_or(0, |own| own[k]));
     }
     // The search, the limits and the safe current were all at work.
-    assert!(seen.iter().all(|count| *count > 500), "{seen:?}");
+    assert!(seen.iter().all(|count| *count > 300), "{seen:?}");
 }
 
 #[test]
