@@ -50,6 +50,7 @@ impl<'a> Inverse<'a> {
         let bare = self.kept.is_empty() && model.effects.terms().is_empty();
         for (name, value) in [
             ("INVERSE_HAS_COIL", self.coil.is_some()),
+            ("INVERSE_RISE_FALL", self.has_rise_and_fall(model)),
             ("INVERSE_ADDS", !searches),
             ("INVERSE_BARE", bare),
             ("INVERSE_LINEAR", self.parts.linear),
@@ -58,6 +59,12 @@ impl<'a> Inverse<'a> {
         ] {
             features.set(name, value);
         }
+    }
+
+    /// True if the coil has a time constant for each side.
+    fn has_rise_and_fall(&self, model: &Model) -> bool {
+        let effects = model.effects.of_damper();
+        self.coil.is_some_and(|index| effects.as_slice()[index].parameters().len() == 2)
     }
 
     /// Fields of the time constants of the coil; `fields` has the fields of each effect.

@@ -66,10 +66,14 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
     let (mut time_ns, mut phase, mut place_m) = (1_000_000_000_i64, 0.0_f64, 0.0);
     // The service corrects stamps that jitter, and exported code does not, so the period stays the same.
     let period_ns = [500_000_i64, 1_000_000, 1_953_125, 2_000_000][random.random_range(0..4)];
+    // Samples since the last event, and since the last restart.
+    let (mut calm, mut settled, mut due) = (0_u32, 0_u32, true);
     let (mut hertz, mut stroke_m, mut level, mut temp_c) = (2.0, 0.01, 1.0, 25.0);
     let chance = |random: &mut Pcg64Mcg, one_in: u32| random.random_range(0..one_in) == 0;
     while all.len() < count {
-        if all.len() % 2000 == 0 {
+        due |= all.len() % 2000 == 0;
+        if due && (calm > 10 || all.is_empty()) {
+            (calm, settled, due) = (0, 0, false);
             hertz = 0.3 * 60.0_f64.powf(random.random::<f64>());
             stroke_m = 0.002 * 12.0_f64.powf(random.random::<f64>());
             temp_c = 20.0 + 60.0 * random.random::<f64>();
@@ -79,24 +83,34 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
         }
         let before_ns = time_ns;
         time_ns += period_ns;
-        // The service takes a small jump for stamps that jitter, which it corrects. The rod cannot have made this one in a few samples.
-        let jumps = chance(&mut random, 3000);
-        if jumps {
-            place_m = if place_m > 0.0 { 0.0 } else { 0.08 + 0.01 * random.random::<f64>() };
-        }
-        if !jumps && chance(&mut random, 300) {
+        // The service corrects stamps that jitter. Two events within a few samples, or lost samples soon after a restart, can look so.
+        (calm, settled) = (calm + 1, settled + 1);
+        if chance(&mut random, 300) && calm > 10 {
             // A few lost samples, or a gap.
-            time_ns += period_ns * if chance(&mut random, 4) { 400 } else { random.random_range(1..6) };
+            if chance(&mut random, 4) {
+                time_ns += 400 * period_ns;
+                (calm, settled) = (0, 0);
+            } else if settled > 60 {
+                // With three lost samples, four samples take just as long as the service compares.
+                time_ns += period_ns * [1, 2, 4, 5][random.random_range(0..4)];
+                calm = 0;
+            }
         }
-        if chance(&mut random, 4000) {
+        if chance(&mut random, 4000) && calm > 10 {
             time_ns -= [2_000_000_000, 100_000_000, period_ns][random.random_range(0..3)];
+            (calm, settled) = (0, 0);
+        }
+        if chance(&mut random, 3000) && calm > 10 {
+            place_m = 0.03 * (random.random::<f64>() - 0.5);
+            (calm, settled) = (0, 0);
         }
         phase += std::f64::consts::TAU * hertz * (time_ns - before_ns).max(0) as f64 * 1e-9;
         // A micrometre of noise: the service compares the stamps with even times by the roughness of the displacement.
         let noise_m = 1e-6 * (random.random::<f64>() - 0.5);
         let mut displacement_m =
             place_m + stroke_m * phase.sin() + 0.1 * stroke_m * (7.3 * phase).sin() + noise_m;
-        if chance(&mut random, 400) {
+        if chance(&mut random, 400) && calm > 10 {
+            calm = 0;
             displacement_m = [f64::NAN, f64::INFINITY, -5.0, displacement_m + 0.4][random.random_range(0..4)];
         }
         let drive = match random.random_range(0..900) {

@@ -7,5 +7,11 @@ static double mrd_approach(double dt_s, double tau_s) {
 }
 
 static double mrd_coil_tau_s(const mrd_parameters *p, double from_a, double to_a) {
+#if MRD_INVERSE_RISE_FALL
     return to_a >= from_a ? p->@COIL_RISE@ : p->@COIL_FALL@;
+#else
+    (void)from_a;
+    (void)to_a;
+    return p->@COIL_RISE@;
+#endif
 }
