@@ -264,13 +264,13 @@ impl Effect {
 
     /// True if it adds a force that does not depend on the drive, and does not change the inputs.
     #[must_use]
-    pub(crate) const fn only_adds(self) -> bool {
+    pub const fn only_adds(self) -> bool {
         matches!(self.properties().inversion, Inversion::Subtract)
     }
 
     /// True if it is a first-order lag of the drive, which an inverse controller compensates.
     #[must_use]
-    pub(crate) const fn lags_drive(self) -> bool {
+    pub const fn lags_drive(self) -> bool {
         matches!(self.properties().inversion, Inversion::Lead(_))
     }
 

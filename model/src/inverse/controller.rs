@@ -28,6 +28,7 @@
 use super::control_law::Demand;
 use super::limits::{LimitedBy, Limits};
 use super::method::Method;
+use super::parts::InverseParts;
 use super::prepare::{Found, Inverse};
 use super::shape::{HARDLY, Shape};
 use super::solve::Moment;
@@ -164,6 +165,12 @@ impl InverseController {
     #[must_use]
     pub fn fit(&self) -> Option<&SurrogateFit> {
         self.inverse.as_ref()?.surrogate.as_ref().map(Surrogate::fit)
+    }
+
+    /// The numbers of the controller; `None` without an inverse, and for a learned one.
+    #[must_use]
+    pub fn parts(&self) -> Option<InverseParts> {
+        self.inverse.as_ref()?.parts(&self.limits)
     }
 
     /// Takes over the state of `old`: the driver keeps its current, and the model's state is kept if its effects are of the same kinds.

@@ -21,6 +21,7 @@
 //! See `[jang1993]`, `[schurter2001]` and `[atray2004]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::cycle::Cycle;
+use super::parts::InverseMap;
 use super::surrogate::Sample;
 use crate::error::Error;
 use crate::force::{MAX_CONCLUSIONS, Order, OutputScale, Signal, Tsk, TskInput, TskKind, TskSet};
@@ -77,6 +78,11 @@ impl Fuzzy {
             high_m: cycle.middle_m + cycle.half_m,
             fastest_m_s: cycle.fastest_m_s,
         }))
+    }
+
+    pub(super) const fn parts(&self) -> InverseMap {
+        let Self { rules, low_m, high_m, fastest_m_s } = *self;
+        InverseMap::Fuzzy { rules, displacement_m: [low_m, high_m], fastest_m_s }
     }
 
     /// The current for `force_n` at displacement `x_m` and velocity `v_m_s`; `None` if it is not finite.

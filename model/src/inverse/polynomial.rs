@@ -18,6 +18,7 @@
 //! Source: Choi, S.-B., Lee, S.-K., Park, Y.-P. (2001), J. Sound Vib. 245, 375.
 //! See `[choi2001]` in the bibliography (node/docs/guide/bibliography.md).
 
+use super::parts::InverseMap;
 use super::surrogate::Sample;
 use nalgebra::{DMatrix, DVector};
 
@@ -50,6 +51,15 @@ impl Polynomial {
             Branch::fit(&own, fastest_m_s, current_max_a)
         };
         Some(Self { fastest_m_s, rising: branch(false)?, falling: branch(true)? })
+    }
+
+    pub(super) const fn parts(&self) -> InverseMap {
+        let Self { fastest_m_s, rising, falling } = self;
+        InverseMap::Polynomial {
+            fastest_m_s: *fastest_m_s,
+            rising: [rising.force_n, rising.slope_n_a],
+            falling: [falling.force_n, falling.slope_n_a],
+        }
     }
 
     /// The current for `force_n` at velocity `v_m_s` and acceleration `a_m_s2`; `None` where the polynomial gives no current. `way_n` is

@@ -3,6 +3,7 @@
 
 use super::limits::Limits;
 use super::method::Method;
+use super::parts::{InverseMap, InverseParts};
 use super::shape::Shape;
 use super::solve::{Ends, Moment, Solution, Solver};
 use super::surrogate::{Surrogate, check_unique};
@@ -75,6 +76,17 @@ impl Inverse {
         let learned = learned(model, method, &shape)?;
         let (model, preload) = (without_lag(model)?, model.preload());
         Ok(Self { model, reading, coil, preload, shape, solver, surrogate, learned })
+    }
+
+    /// The numbers of the inverse; `None` for a learned one.
+    pub(super) fn parts(&self, limits: &Limits) -> Option<InverseParts> {
+        let map = match (&self.surrogate, &self.learned) {
+            (Some(surrogate), _) => surrogate.map(),
+            (None, None) => InverseMap::Search,
+            (None, Some(_)) => return None,
+        };
+        let Solver { folded, linear, .. } = self.solver;
+        Some(InverseParts { limits: *limits, most_n: self.shape.most_n, folded, linear, map })
     }
 
     /// The current for `demand_n` at `moment`, the moment of `inputs`. `last` is the last current, and its force at this

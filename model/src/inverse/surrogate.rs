@@ -11,6 +11,7 @@ use super::cycle::{At, Cycle, CyclePoints};
 use super::fuzzy::Fuzzy;
 use super::limits::Limits;
 use super::method::Method;
+use super::parts::InverseMap;
 use super::polynomial::Polynomial;
 use super::prepare::refused;
 use super::shape::{HARDLY, Shape};
@@ -132,6 +133,14 @@ impl Surrogate {
             return Err(undetermined());
         }
         Ok(Some(Self { map, current_max_a: limits.current_max_a, fit }))
+    }
+
+    /// The numbers of the function.
+    pub(super) const fn map(&self) -> InverseMap {
+        match &self.map {
+            Map::Polynomial(map) => map.parts(),
+            Map::Fuzzy(map) => map.parts(),
+        }
     }
 
     pub(super) const fn fit(&self) -> &SurrogateFit {

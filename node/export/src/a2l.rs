@@ -49,17 +49,18 @@ pub fn file(source: &CSource, symbols: [&str; 2], addresses: Addresses) -> Strin
         characteristic(&mut text, name, parameter, parameters_symbol, addresses.parameters, offset);
         offset += 8 * parameter.shape.len() as u64;
     }
-    for (index, (field, unit, about)) in OUTPUTS.iter().enumerate() {
-        let at = 8 * index as u64;
-        let (kind, range) = if *field == "flags" {
-            ("ULONG", "0 4294967295")
-        } else {
-            ("FLOAT64_IEEE", "-1.0E+300 1.0E+300")
+    let mut at = 0;
+    for Output { field, kind, count, unit, about, .. } in outputs(source) {
+        let (kind, range, size) = match kind {
+            Kind::Double => ("FLOAT64_IEEE", "-1.0E+300 1.0E+300", 8),
+            Kind::Word => ("ULONG", "0 4294967295", 4),
+            Kind::Truth => ("UBYTE", "0 1", 1),
         };
+        let array = if count == 1 { String::new() } else { format!("\n      MATRIX_DIM {count} 1 1") };
         let _ = write!(
             text,
             "    /begin MEASUREMENT {name}_{field} \"{about}\"
-      {kind} NO_COMPU_METHOD 0 0 {range}
+      {kind} NO_COMPU_METHOD 0 0 {range}{array}
       ECU_ADDRESS 0x{:X}
       PHYS_UNIT \"{unit}\"
       SYMBOL_LINK \"{output_symbol}\" {at}
@@ -67,18 +68,77 @@ pub fn file(source: &CSource, symbols: [&str; 2], addresses: Addresses) -> Strin
 ",
             addresses.output + at
         );
+        // The fields are in the order of their sizes, so there is no padding between them.
+        at += size * count;
     }
     text + "  /end MODULE\n/end PROJECT\n"
 }
 
-/// Fields of the output structure, in its order.
-const OUTPUTS: [(&str, &str, &str); 5] = [
-    ("force_n", "N", "force of the damper, positive in extension"),
-    ("reading_n", "N", "expected reading of the load cell"),
-    ("displacement_m", "m", "displacement that the model was given"),
-    ("velocity_m_s", "m/s", "velocity that the model was given"),
-    ("flags", "", "reasons why the estimate is not as good as it could be; 0 for a good one"),
-];
+/// Type of a field of the output structure.
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    Double,
+    Word,
+    Truth,
+}
+
+/// A field of the output structure.
+struct Output {
+    field: &'static str,
+    kind: Kind,
+    count: u64,
+    unit: &'static str,
+    about: &'static str,
+    /// True for a field that only an export with an inverse has.
+    of_inverse: bool,
+}
+
+/// The fields of the output structure, in its order.
+fn outputs(source: &CSource) -> impl Iterator<Item = Output> {
+    let plain = |field, kind, unit, about| Output { field, kind, count: 1, unit, about, of_inverse: false };
+    let inverse =
+        |field, kind, count, unit, about| Output { field, kind, count, unit, about, of_inverse: true };
+    let all = [
+        plain("force_n", Kind::Double, "N", "force of the damper, positive in extension"),
+        plain("reading_n", Kind::Double, "N", "expected reading of the load cell"),
+        plain("displacement_m", Kind::Double, "m", "displacement that the model was given"),
+        plain("velocity_m_s", Kind::Double, "m/s", "velocity that the model was given"),
+        inverse("current_a", Kind::Double, 1, "A", "commanded current"),
+        inverse("requested_n", Kind::Double, 1, "N", "demanded force"),
+        inverse("expected_n", Kind::Double, 1, "N", "force that the model expects at the commanded current"),
+        inverse("achievable_n", Kind::Double, 2, "N", "least and largest force of the damper at this motion"),
+        plain(
+            "flags",
+            Kind::Word,
+            "",
+            "reasons why the estimate is not as good as it could be; 0 for a good one",
+        ),
+        inverse(
+            "limited_by",
+            Kind::Word,
+            1,
+            "",
+            "why the command does not reach the demanded force; 0 if it does",
+        ),
+        inverse("is_commanded", Kind::Truth, 1, "", "1 if there is a command"),
+        inverse(
+            "is_achievable",
+            Kind::Truth,
+            1,
+            "",
+            "1 if the demanded force is dissipative and in the range",
+        ),
+        inverse(
+            "is_dissipative",
+            Kind::Truth,
+            1,
+            "",
+            "1 if the demanded force takes energy out of the motion",
+        ),
+    ];
+    let has_inverse = source.has_inverse;
+    all.into_iter().filter(move |own| has_inverse || !own.of_inverse)
+}
 
 fn characteristic(
     text: &mut String,

@@ -21,6 +21,18 @@ pub enum ExportError {
         /// The name.
         name: String,
     },
+    /// A unit has no definition in SI base units, which an FMU needs: a fault of this program.
+    #[error("the unit '{symbol}' is not known in SI base units")]
+    Unit {
+        /// The unit.
+        symbol: String,
+    },
+    /// The archive of an FMU cannot be written.
+    #[error("the archive of the FMU: {what}")]
+    Archive {
+        /// What is wrong.
+        what: String,
+    },
     /// A fragment of C code is not as it should be: a fault of this program.
     #[error("the fragment {fragment} of C code: {what}")]
     Fragment {

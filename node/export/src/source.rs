@@ -4,10 +4,12 @@ use crate::error::ExportError;
 use crate::features::Features;
 use crate::forces::Force;
 use crate::fragment::{Fragment, link, resolve};
+use crate::inverse::Inverse;
 use crate::parameter::CParameter;
 use crate::terms::TermCode;
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Effect, EffectModel, Need};
+use mr_damper_model::inverse::InverseParts;
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::Settings;
 use mr_damper_model::sample::DriveKind;
@@ -33,6 +35,7 @@ pub struct CExport<'a> {
     name: String,
     model: &'a Model,
     settings: Settings,
+    inverse: Option<InverseParts>,
     provenance: Vec<String>,
 }
 
@@ -45,6 +48,12 @@ pub struct CSource {
     pub header: String,
     /// `NAME.c`.
     pub source: String,
+    /// The model with its effects, in one line.
+    pub title: String,
+    /// Where the model comes from, line by line.
+    pub provenance: Vec<String>,
+    /// Rate of the model's training data, Hz; 0 if it is not known.
+    pub rate_hz: f64,
     /// The fields of the parameters' structure, in order.
     pub parameters: Vec<CParameter>,
     /// The drive, if the model needs one.
@@ -53,12 +62,21 @@ pub struct CSource {
     pub needs_velocity: bool,
     /// True if the step has the case temperature among its inputs.
     pub needs_temperature: bool,
+    /// True if the step has a requested force among its inputs, and commands a current.
+    pub has_inverse: bool,
+}
+
+impl CSource {
+    /// `text` with the names of this export.
+    pub(crate) fn named(&self, text: &str) -> String {
+        named(&self.name, text)
+    }
 }
 
 /// An effect in the source.
 struct Level<'a> {
-    /// 1 for the effect next to the model.
-    number: usize,
+    /// Its name in the code: 1 for the effect next to the model; in the model of the inverse, i1.
+    name: String,
     fragment: String,
     effect: &'a EffectModel,
     /// Name of each parameter's field.
@@ -71,13 +89,25 @@ impl<'a> CExport<'a> {
     /// `model` under `name`, with the service's default settings.
     #[must_use]
     pub fn new(name: &str, model: &'a Model) -> Self {
-        Self { name: name.to_owned(), model, settings: Settings::default(), provenance: Vec::new() }
+        Self {
+            name: name.to_owned(),
+            model,
+            settings: Settings::default(),
+            inverse: None,
+            provenance: Vec::new(),
+        }
     }
 
     /// With limits and timeouts of other settings.
     #[must_use]
     pub fn settings(self, settings: &Settings) -> Self {
         Self { settings: *settings, ..self }
+    }
+
+    /// With the inverse controller of these [`parts`](mr_damper_model::inverse::InverseController::parts), which must belong to the model.
+    #[must_use]
+    pub fn inverse(self, parts: &InverseParts) -> Self {
+        Self { inverse: Some(*parts), ..self }
     }
 
     /// With a line that says where the model comes from.
@@ -100,7 +130,14 @@ impl<'a> CExport<'a> {
         if let Some((name, value)) = force.feature {
             features.set(name, value);
         }
+        let inverse = self.inverse.as_ref().map(|parts| Inverse::of(model, parts));
+        features.set("HAS_INVERSE", inverse.is_some());
+        if let Some(inverse) = &inverse {
+            inverse.set(&mut features, model);
+        }
         let levels = self.levels(&force);
+        let inverse_levels =
+            inverse.as_ref().map_or(Vec::new(), |inverse| inverse_levels(&levels, &inverse.kept, &force));
         let of_damper = model.effects.of_damper().as_slice().len();
         let terms = (!model.effects.terms().is_empty())
             .then(|| TermCode::of(model.effects.terms().iter(), of_damper, model.force.drive()));
@@ -110,28 +147,53 @@ impl<'a> CExport<'a> {
         names.extend(force.fragments.iter().map(String::as_str));
         let of_force = link(&names)?;
         names.extend(levels.iter().map(|level| level.fragment.as_str()));
-        if levels.iter().any(|level| level.takes_newton) {
+        if levels.iter().chain(&inverse_levels).any(|level| level.takes_newton) {
             names.push("spring_newton");
         }
         names.extend(terms.iter().flat_map(|terms| &terms.fragments));
+        names.extend(inverse.iter().flat_map(|inverse| &inverse.fragments));
         names.push("step");
         let fragments = link(&names)?;
 
-        let parameters = self.parameters(&force, &levels, terms.as_ref());
+        let mut parameters = self.parameters(&force, &levels, terms.as_ref());
+        parameters.extend(inverse.iter().flat_map(|inverse| inverse.parameters(&self.settings)));
         let text = Text { export: self, features: &features };
-        let parts =
-            Parts { force, levels, of_damper, terms, parameters, fragments, of_force: of_force.len() };
+        let parts = Parts {
+            force,
+            levels,
+            of_damper,
+            terms,
+            inverse,
+            inverse_levels,
+            parameters,
+            fragments,
+            of_force: of_force.len(),
+        };
         let header = text.finish(&self.header(&parts))?;
         let source = text.finish(&self.body(&parts)?)?;
         Ok(CSource {
             name: self.name.clone(),
             header,
             source,
+            title: self.title(),
+            provenance: self.provenance.clone(),
+            rate_hz: model.rate_hz,
             parameters: parts.parameters,
             drive: model.force.drive(),
             needs_velocity: model.conditioning.velocity == VelocitySource::Measured,
             needs_temperature: model.effects.need(Need::CaseTemperature),
+            has_inverse: self.inverse.is_some(),
         })
+    }
+
+    /// The model with its effects.
+    fn title(&self) -> String {
+        let model = self.model;
+        let effects: Vec<String> =
+            model.effects.as_slice().iter().map(|effect| effect.effect().title()).collect();
+        let effects =
+            if effects.is_empty() { String::new() } else { format!(" with {}", effects.join(", ")) };
+        format!("Model {}{effects}", model.force.name())
     }
 
     fn check_name(&self) -> Result<(), ExportError> {
@@ -179,7 +241,7 @@ impl<'a> CExport<'a> {
             let fields =
                 kind.parameters().iter().map(|parameter| format!("{}{place}_{}", kind.id(), parameter.name));
             Level {
-                number: index + 1,
+                name: (index + 1).to_string(),
                 fragment: format!("effect_{fragment}"),
                 effect,
                 fields: fields.collect(),
@@ -282,37 +344,46 @@ impl<'a> CExport<'a> {
         }
         let fields: String = parameters.iter().map(CParameter::declaration).collect();
         let mut types = String::new();
+        let mut inverse_types = String::new();
         for fragment in fragments.iter().filter(|fragment| !fragment.header.trim().is_empty()) {
-            let _ = writeln!(types, "{}{}", fragment.about, fragment.header.trim_end());
-            types.push('\n');
+            let target = if fragment.name == "inverse" { &mut inverse_types } else { &mut types };
+            let _ = writeln!(target, "{}{}", fragment.about, fragment.header.trim_end());
+            target.push('\n');
         }
-        let mut states = String::new();
-        for level in levels {
-            if let Some(name) = state_type(level, fragments) {
-                let _ = writeln!(states, "    {name} effect_{};", level.number);
+        let states_of = |levels: &[Level<'_>]| {
+            let mut states = String::new();
+            for level in levels {
+                if let Some(name) = state_type(level, fragments) {
+                    let _ = writeln!(states, "    {name} effect_{};", level.name);
+                }
             }
-        }
-        if parts.terms.is_some() {
-            states += "    mrd_terms_state terms;\n";
-        }
+            if parts.terms.is_some() {
+                states += "    mrd_terms_state terms;\n";
+            }
+            states
+        };
+        let states = states_of(levels);
+        let chain = match parts.has_own_chain() {
+            true => format!(
+                "/* The model of the inverse: without the lag of the coil. */\ntypedef struct {{\n    mrd_force_state force;\n{}}} mrd_inverse_chain;\n\n",
+                states_of(&parts.inverse_levels)
+            ),
+            false => "typedef mrd_chain mrd_inverse_chain;\n\n".to_owned(),
+        };
         include_str!("c/header.h")
             .replace("@PREFACE@\n", &self.preface(".h"))
             .replace("@SIZES@\n", &sizes)
             .replace("@PARAMETERS@", &fields)
             .replace("@TYPES@\n", &types)
             .replace("@EFFECT_STATES@", &states)
+            .replace("@INVERSE_TYPES@\n", &(chain + &inverse_types))
     }
 
     /// The comment at the head of each file.
     fn preface(&self, ending: &str) -> String {
-        let model = self.model;
-        let effects: Vec<String> =
-            model.effects.as_slice().iter().map(|effect| effect.effect().title()).collect();
-        let effects =
-            if effects.is_empty() { String::new() } else { format!(" with {}", effects.join(", ")) };
         let mut lines = vec![
             format!("{}{ending}: force of a magneto-rheological damper.", self.name),
-            format!("Model {}{effects}.", model.force.name()),
+            format!("{}.", self.title()),
         ];
         lines.extend(self.provenance.iter().cloned());
         lines.push("Written by `mr-damper export`. C99; needs no C library, no heap and no globals. double throughout.".to_owned());
@@ -328,7 +399,7 @@ impl<'a> CExport<'a> {
             "\nconst mrd_parameters mrd_default_parameters = {{\n{}\n}};\n",
             defaults.join(",\n")
         );
-        let mut is_glued = force.glue.is_empty();
+        let (mut is_glued, mut has_levels) = (force.glue.is_empty(), false);
         for (index, fragment) in fragments.iter().enumerate() {
             if fragment.name.starts_with("force_") && !is_glued {
                 let _ = write!(body, "\n{}", force.glue);
@@ -337,24 +408,36 @@ impl<'a> CExport<'a> {
             if index == parts.of_force {
                 body += RUN_FORCE;
             }
-            if fragment.name == "step" {
+            if !has_levels && (fragment.name == "step" || parts.begins_inverse(fragment.name)) {
+                has_levels = true;
                 let (damper, load_cell) = levels.split_at(parts.of_damper);
-                for level in damper {
-                    body += &instance(level, &(level.number - 1).to_string(), fragments)?;
+                for (index, level) in damper.iter().enumerate() {
+                    body += &instance(level, &index.to_string(), fragments)?;
                 }
                 if let Some(terms) = &parts.terms {
                     body += &terms.code;
                 }
-                for level in load_cell {
-                    body += &instance(level, &parts.inside(level.number - 1), fragments)?;
+                for (index, level) in load_cell.iter().enumerate() {
+                    body += &instance(level, &parts.inside(parts.of_damper + index), fragments)?;
                 }
+                body += &parts.inverse_chain()?;
             }
             if !fragment.source.trim().is_empty() {
                 let _ = write!(body, "\n{}{}", fragment.about, fragment.source);
             }
         }
         let of_damper = parts.inside(parts.of_damper);
-        Ok(body.replace("@DAMPER@", &of_damper).replace("@READING@", &parts.inside(levels.len())))
+        let fields: Vec<&[String]> = levels.iter().map(|level| level.fields.as_slice()).collect();
+        let (coil, stiffness) = parts.inverse.as_ref().map_or(([""; 2], String::new()), |inverse| {
+            (inverse.coil_fields(&fields), inverse.stiffness(self.model, &fields))
+        });
+        Ok(body
+            .replace("@DAMPER@", &of_damper)
+            .replace("@READING@", &parts.inside(levels.len()))
+            .replace("@INVERSE@", &parts.inverse_damper())
+            .replace("@COIL_RISE@", coil[0])
+            .replace("@COIL_FALL@", coil[1])
+            .replace("@STIFFNESS@", &stiffness))
     }
 }
 
@@ -365,6 +448,9 @@ struct Parts<'a> {
     /// Number of levels that are effects of the damper.
     of_damper: usize,
     terms: Option<TermCode>,
+    inverse: Option<Inverse<'a>>,
+    /// Levels of the model of the inverse.
+    inverse_levels: Vec<Level<'a>>,
     parameters: Vec<CParameter>,
     fragments: Vec<Fragment>,
     /// Number of fragments that the force model needs.
@@ -375,6 +461,47 @@ impl Parts<'_> {
     /// The name of level `number`: the terms are around the effects of the damper.
     fn inside(&self, number: usize) -> String {
         if number == self.of_damper && self.terms.is_some() { "terms".to_owned() } else { number.to_string() }
+    }
+
+    /// True if the model of the inverse differs from the model of the damper.
+    fn has_own_chain(&self) -> bool {
+        self.inverse.is_some() && self.inverse_levels.len() < self.of_damper
+    }
+
+    /// True for the first fragment that uses the model of the inverse.
+    fn begins_inverse(&self, fragment: &str) -> bool {
+        self.inverse.as_ref().is_some_and(|inverse| inverse.fragments[0] == fragment)
+    }
+
+    /// The outermost level of the model of the inverse.
+    fn inverse_damper(&self) -> String {
+        match (self.has_own_chain(), &self.terms) {
+            (false, _) => self.inside(self.of_damper),
+            (true, Some(_)) => "iterms".to_owned(),
+            (true, None) => format!("i{}", self.inverse_levels.len()),
+        }
+    }
+
+    /// The levels of the model of the inverse, if it is another one.
+    fn inverse_chain(&self) -> Result<String, ExportError> {
+        if !self.has_own_chain() {
+            return Ok(String::new());
+        }
+        // The tanh functions of a model without effects need no chain.
+        let is_bare = self.inverse_levels.is_empty() && self.terms.is_none();
+        if is_bare && self.begins_inverse("inverse_still") {
+            return Ok(String::new());
+        }
+        let mut code = RUN_FORCE.replace("mrd_run_0", "mrd_run_i0");
+        for (index, level) in self.inverse_levels.iter().enumerate() {
+            code += &instance(level, &format!("i{index}"), &self.fragments)?;
+        }
+        if let Some(terms) = &self.terms {
+            let inside = format!("mrd_run_{}(", self.of_damper);
+            let own = format!("mrd_run_i{}(", self.inverse_levels.len());
+            code += &terms.level.replace(&inside, &own).replace("mrd_run_terms", "mrd_run_iterms");
+        }
+        Ok(code.replace("mrd_chain", "mrd_inverse_chain"))
     }
 }
 
@@ -393,6 +520,21 @@ fn state_type<'f>(level: &Level<'_>, fragments: &'f [Fragment]) -> Option<&'f st
     last.strip_prefix("} ")?.strip_suffix(';')
 }
 
+/// The levels of the model of the inverse: those in `kept`.
+fn inverse_levels<'a>(levels: &[Level<'a>], kept: &[usize], force: &Force) -> Vec<Level<'a>> {
+    let level = |(place, index): (usize, &usize)| {
+        let Level { fragment, effect, fields, .. } = &levels[*index];
+        Level {
+            name: format!("i{}", place + 1),
+            fragment: fragment.clone(),
+            effect,
+            fields: fields.clone(),
+            takes_newton: effect.effect() == Effect::SeriesSpring && place == 0 && force.has_slope,
+        }
+    };
+    kept.iter().enumerate().map(level).collect()
+}
+
 /// The code of one effect.
 fn instance(level: &Level<'_>, inside: &str, fragments: &[Fragment]) -> Result<String, ExportError> {
     let fragment = fragments.iter().find(|fragment| fragment.name == level.fragment).ok_or_else(|| {
@@ -401,7 +543,7 @@ fn instance(level: &Level<'_>, inside: &str, fragments: &[Fragment]) -> Result<S
     let mut features = Features::default();
     features.set("SPRING_NEWTON", level.takes_newton);
     let mut code = format!("\n{}{}", fragment.about, resolve(&fragment.instance, &features)?)
-        .replace("@K@", &level.number.to_string())
+        .replace("@K@", &level.name)
         .replace("@J@", inside);
     for (parameter, field) in level.effect.effect().parameters().iter().zip(&level.fields) {
         code = code.replace(&format!("@{}@", parameter.name), field);
@@ -448,8 +590,11 @@ impl Text<'_> {
                 what: "it is not filled in".to_owned(),
             });
         }
-        Ok(text
-            .replace("mrd_", &format!("{}_", self.export.name))
-            .replace("MRD_", &format!("{}_", self.export.name.to_ascii_uppercase())))
+        Ok(named(&self.export.name, &text))
     }
+}
+
+/// `text` with `name` in the place of `mrd`.
+fn named(name: &str, text: &str) -> String {
+    text.replace("mrd_", &format!("{name}_")).replace("MRD_", &format!("{}_", name.to_ascii_uppercase()))
 }

@@ -11,8 +11,10 @@ pub(crate) struct TermCode {
     /// Fragments, besides those that they need.
     pub(crate) fragments: Vec<&'static str>,
     pub(crate) parameters: Vec<CParameter>,
-    /// One function for each term, and the level around the effects of the damper.
+    /// One function for each term, and what tells whether they extrapolate.
     pub(crate) code: String,
+    /// The level around the effects of the damper.
+    pub(crate) level: String,
 }
 
 /// The argument as an expression of the inputs `in` and the signals `s`, and the fragments that it needs.
@@ -143,8 +145,7 @@ static double mrd_term_{number}(const mrd_parameters *p, mrd_terms_state *s, con
                 }
             }
         }
-        let _ = write!(
-            own.code,
+        own.level = format!(
             "
 /* The terms, around all effects of the damper. */
 static double mrd_run_terms(const mrd_parameters *p, mrd_chain *c, const mrd_model_inputs *in) {{
@@ -161,11 +162,15 @@ static double mrd_run_terms(const mrd_parameters *p, mrd_chain *c, const mrd_mod
     sum_n = force_n;
 {after}    return sum_n;
 }}
-
-static bool mrd_terms_extrapolate(const mrd_chain *c) {{
-    return c->terms.extrapolates;
-}}
 "
+        );
+        own.code += &own.level;
+        own.code.push_str(
+            "
+static bool mrd_terms_extrapolate(const mrd_chain *c) {
+    return c->terms.extrapolates;
+}
+",
         );
         own
     }

@@ -3,6 +3,7 @@
 use mr_damper_model::Error;
 use mr_damper_model::condition::VelocitySource;
 use mr_damper_model::effect::Need;
+use mr_damper_model::inverse::CurrentCommand;
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce};
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
@@ -35,6 +36,8 @@ pub struct Readings {
     pub velocity_m_s: f64,
     /// Case temperature, degrees Celsius.
     pub case_temp_c: f64,
+    /// Requested force, N.
+    pub force_request_n: f64,
 }
 
 /// The service's result for one sample.
@@ -63,10 +66,14 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
     let (mut time_ns, mut phase, mut place_m) = (1_000_000_000_i64, 0.0_f64, 0.0);
     // The service corrects stamps that jitter, and exported code does not, so the period stays the same.
     let period_ns = [500_000_i64, 1_000_000, 1_953_125, 2_000_000][random.random_range(0..4)];
+    // Samples since the last event, and since the last restart.
+    let (mut calm, mut settled, mut due) = (0_u32, 0_u32, true);
     let (mut hertz, mut stroke_m, mut level, mut temp_c) = (2.0, 0.01, 1.0, 25.0);
     let chance = |random: &mut Pcg64Mcg, one_in: u32| random.random_range(0..one_in) == 0;
     while all.len() < count {
-        if all.len() % 2000 == 0 {
+        due |= all.len() % 2000 == 0;
+        if due && (calm > 10 || all.is_empty()) {
+            (calm, settled, due) = (0, 0, false);
             hertz = 0.3 * 60.0_f64.powf(random.random::<f64>());
             stroke_m = 0.002 * 12.0_f64.powf(random.random::<f64>());
             temp_c = 20.0 + 60.0 * random.random::<f64>();
@@ -76,22 +83,34 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
         }
         let before_ns = time_ns;
         time_ns += period_ns;
-        if chance(&mut random, 300) {
+        // The service corrects stamps that jitter. Two events within a few samples, or lost samples soon after a restart, can look so.
+        (calm, settled) = (calm + 1, settled + 1);
+        if chance(&mut random, 300) && calm > 10 {
             // A few lost samples, or a gap.
-            time_ns += period_ns * if chance(&mut random, 4) { 400 } else { random.random_range(1..6) };
+            if chance(&mut random, 4) {
+                time_ns += 400 * period_ns;
+                (calm, settled) = (0, 0);
+            } else if settled > 60 {
+                // With three lost samples, four samples take just as long as the service compares.
+                time_ns += period_ns * [1, 2, 4, 5][random.random_range(0..4)];
+                calm = 0;
+            }
         }
-        if chance(&mut random, 4000) {
+        if chance(&mut random, 4000) && calm > 10 {
             time_ns -= [2_000_000_000, 100_000_000, period_ns][random.random_range(0..3)];
+            (calm, settled) = (0, 0);
         }
-        if chance(&mut random, 3000) {
+        if chance(&mut random, 3000) && calm > 10 {
             place_m = 0.03 * (random.random::<f64>() - 0.5);
+            (calm, settled) = (0, 0);
         }
         phase += std::f64::consts::TAU * hertz * (time_ns - before_ns).max(0) as f64 * 1e-9;
         // A micrometre of noise: the service compares the stamps with even times by the roughness of the displacement.
         let noise_m = 1e-6 * (random.random::<f64>() - 0.5);
         let mut displacement_m =
             place_m + stroke_m * phase.sin() + 0.1 * stroke_m * (7.3 * phase).sin() + noise_m;
-        if chance(&mut random, 400) {
+        if chance(&mut random, 400) && calm > 10 {
+            calm = 0;
             displacement_m = [f64::NAN, f64::INFINITY, -5.0, displacement_m + 0.4][random.random_range(0..4)];
         }
         let drive = match random.random_range(0..900) {
@@ -107,8 +126,64 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
         };
         let case_temp_c =
             if has_temperature && chance(&mut random, 50) { temp_c + phase.sin() } else { f64::NAN };
-        all.push(Readings { time_ns, displacement_m, drive, velocity_m_s, case_temp_c });
+        let force_request_n = f64::NAN;
+        all.push(Readings { time_ns, displacement_m, drive, velocity_m_s, case_temp_c, force_request_n });
     }
+    all
+}
+
+/// The command of the service's inverse controller at one sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExpectedCommand {
+    /// The command; `None` before the first request, and if the displacement was refused.
+    pub command: Option<CurrentCommand>,
+    /// The current after [`SILENCE_NS`] without a displacement, A; `None` where that is not known.
+    pub silent_a: Option<f64>,
+}
+
+/// Time after a sample for which [`ExpectedCommand::silent_a`] holds, ns.
+pub const SILENCE_NS: i64 = 300_000_000;
+
+/// `all` with requested forces, for a damper with forces of up to about `most_n`: mostly along the motion, some against it, some out of
+/// range or infinite, and times without a request. The measured current is lost for long times, so that the command takes its place.
+#[must_use]
+pub fn with_requests(mut all: Vec<Readings>, most_n: f64, seed: u64) -> Vec<Readings> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let (mut damping_n_s_m, mut pauses, mut measures, mut before) = (0.0, false, true, None);
+    for (index, own) in all.iter_mut().enumerate() {
+        if index % 500 == 0 {
+            damping_n_s_m = most_n * 20.0 * random.random::<f64>();
+            pauses = random.random_range(0..8) == 0;
+            measures = random.random_range(0..3) == 0;
+        }
+        let speed_m_s = before.map_or(0.0, |(time_ns, from_m): (i64, f64)| {
+            (own.displacement_m - from_m) / ((own.time_ns - time_ns).max(1) as f64 * 1e-9)
+        });
+        before = Some((own.time_ns, own.displacement_m));
+        let along_n = (damping_n_s_m * speed_m_s).clamp(-2.0 * most_n, 2.0 * most_n);
+        own.force_request_n = match random.random_range(0..200) {
+            _ if pauses || index < 50 => f64::NAN,
+            0 => [f64::INFINITY, f64::NEG_INFINITY, 3e5, 0.0][random.random_range(0..4)],
+            1..20 => f64::NAN,
+            20..40 => 2.0 * most_n * (random.random::<f64>() - 0.5),
+            _ => along_n,
+        };
+        if !measures {
+            own.drive = f64::NAN;
+        }
+    }
+    all
+}
+
+/// The readings of `all` that are later than all readings before, as in a simulation.
+#[must_use]
+pub fn increasing(mut all: Vec<Readings>) -> Vec<Readings> {
+    let mut last_ns = i64::MIN;
+    all.retain(|reading| {
+        let is_later = reading.time_ns > last_ns;
+        last_ns = last_ns.max(reading.time_ns);
+        is_later
+    });
     all
 }
 
@@ -117,12 +192,36 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
 /// # Errors
 /// When the model cannot run in a pipeline.
 pub fn expected(model: &Model, readings: &[Readings]) -> Result<Vec<Expected>, Error> {
+    let all = run(model, Settings::default(), readings, true)?;
+    Ok(all.into_iter().map(|(estimate, _)| estimate).collect())
+}
+
+/// The estimates and commands of the service for `readings`, with these settings and without measured force. The estimates have no
+/// expected reading.
+///
+/// # Errors
+/// When the model cannot run in a pipeline.
+pub fn expected_commands(
+    model: &Model,
+    settings: &Settings,
+    readings: &[Readings],
+) -> Result<Vec<(Expected, ExpectedCommand)>, Error> {
+    run(model, *settings, readings, false)
+}
+
+/// Runs the pipeline. The expected reading needs a measured force, from which an inverse controller would learn.
+fn run(
+    model: &Model,
+    settings: Settings,
+    readings: &[Readings],
+    has_force: bool,
+) -> Result<Vec<(Expected, ExpectedCommand)>, Error> {
     // Without bumpless transfer the estimate is the model's force.
-    let settings =
-        Settings { use_measured_force: UseForce::Never, bumpless_tau_s: 0.0, ..Settings::default() };
+    let settings = Settings { use_measured_force: UseForce::Never, bumpless_tau_s: 0.0, ..settings };
     let mut pipeline = Pipeline::new(Models { free: *model, seeded: None }, settings)?;
     let drive_kind = model.force.drive();
     let mut all = Vec::with_capacity(readings.len());
+    let (mut accepted_ns, mut last_a) = (None, None);
     for r in readings {
         let stamp = Stamp::from_nanos(r.time_ns);
         let given = |value: f64| (!value.is_nan()).then_some(value);
@@ -130,12 +229,14 @@ pub fn expected(model: &Model, readings: &[Readings]) -> Result<Vec<Expected>, E
             drive_kind.zip(given(r.drive)).map(|(kind, value)| Reading::Drive(Drive::new(kind, value))),
             given(r.velocity_m_s).map(|v| Reading::Velocity(MetrePerSecond(v))),
             given(r.case_temp_c).map(|t| Reading::CaseTemperature(Celsius(t))),
+            given(r.force_request_n).map(|force_n| Reading::ForceRequest(Newton(force_n))),
             Some(Reading::Displacement(Metre(r.displacement_m))),
             // The expected reading is part of a residual, and a residual needs a measured force.
-            Some(Reading::Force(Newton(0.0))),
+            has_force.then_some(Reading::Force(Newton(0.0))),
         ];
         let refused = Reasons::INPUT_REFUSED.0;
         let mut own = Expected { accepted: false, force_n: f64::NAN, reading_n: f64::NAN, flags: refused };
+        let mut command = None;
         for reading in channels.into_iter().flatten() {
             pipeline.step(&Sample { stamp, received: stamp, reading }, &mut |event| match event {
                 Event::Estimate(estimate) => {
@@ -150,10 +251,29 @@ pub fn expected(model: &Model, readings: &[Readings]) -> Result<Vec<Expected>, E
                 Event::Residual(residual) if residual.stamp == stamp => {
                     own.reading_n = residual.predicted.get()
                 }
+                Event::Command(commanded) => command = Some(commanded.command),
                 _ => {}
             });
         }
-        all.push(own);
+        let mut silent_a = None;
+        if own.accepted {
+            accepted_ns = Some(r.time_ns);
+        }
+        if let Some(command) = &command {
+            last_a = Some(command.current.get());
+        }
+        // A longer silence would change the state.
+        if accepted_ns
+            .is_some_and(|at_ns| (r.time_ns - at_ns + SILENCE_NS) as f64 * 1e-9 < settings.input_timeout_s)
+        {
+            silent_a = last_a;
+            pipeline.tick(stamp.shifted(SILENCE_NS), &mut |event| {
+                if let Event::Command(commanded) = event {
+                    silent_a = Some(commanded.command.current.get());
+                }
+            });
+        }
+        all.push((own, ExpectedCommand { command, silent_a }));
     }
     Ok(all)
 }
@@ -179,6 +299,38 @@ pub fn csv(model: &Model, readings: &[Readings]) -> Result<String, Error> {
             u32::from(e.accepted),
             cell(e.force_n),
             cell(e.reading_n),
+            e.flags
+        );
+    }
+    Ok(text)
+}
+
+/// Test vectors of a model with an inverse controller as CSV: the readings with the requested force, the estimate without the expected
+/// reading, and the command. An empty cell is NaN; the cells of a command are empty if there is none.
+///
+/// # Errors
+/// See [`expected_commands`].
+pub fn csv_with_commands(model: &Model, settings: &Settings, readings: &[Readings]) -> Result<String, Error> {
+    let drive = model.force.drive().map_or("drive", |kind| kind.name());
+    let mut text = format!(
+        "time_ns,displacement_m,{drive},velocity_m_s,case_temp_c,force_request_n,accepted,force_n,flags,command_a,expected_n,\
+         least_n,most_n,limited_by\n"
+    );
+    let cell = |value: f64| if value.is_nan() { String::new() } else { format!("{value:?}") };
+    for (r, (e, c)) in readings.iter().zip(expected_commands(model, settings, readings)?) {
+        let inputs = [r.displacement_m, r.drive, r.velocity_m_s, r.case_temp_c, r.force_request_n].map(cell);
+        let command = c.command.map_or(",,,,".to_owned(), |command| {
+            let [least_n, most_n] = command.achievable.map(|force| cell(force.get()));
+            let (current_a, expected_n) = (cell(command.current.get()), cell(command.expected.get()));
+            format!("{current_a},{expected_n},{least_n},{most_n},{}", command.limited_by as u8)
+        });
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{},{command}",
+            r.time_ns,
+            inputs.join(","),
+            u32::from(e.accepted),
+            cell(e.force_n),
             e.flags
         );
     }

@@ -65,7 +65,7 @@ pub use frame::{Column, Values, from_columns, of_run};
 pub use map::{ColumnMapping, Map, MapError, MapFileError, Mapping};
 pub use note::Note;
 pub use sign::{Sign, SignError};
-pub use whole::write_text;
+pub use whole::{write_bytes, write_text};
 
 use hash::{Hash, HashingReader};
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};

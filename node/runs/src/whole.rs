@@ -12,14 +12,22 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// [`RunError::Io`], with advice.
 pub fn write_text(path: &Path, text: &str) -> Result<(), RunError> {
+    write_bytes(path, text.as_bytes())
+}
+
+/// Writes `bytes` to `path`, as [`write_text`] does.
+///
+/// # Errors
+/// [`RunError::Io`], with advice.
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
     // Links are followed to their target.
     let place = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let there = fs::metadata(&place).ok();
     if there.as_ref().is_some_and(|there| !there.is_file() && !there.is_dir()) {
-        return fs::write(path, text).map_err(RunError::io(path, "write"));
+        return fs::write(path, bytes).map_err(RunError::io(path, "write"));
     }
     write_beside(&place, |part| {
-        fill(part, |sink| sink.write_all(text.as_bytes()).map_err(RunError::io(path, "write")))?;
+        fill(part, |sink| sink.write_all(bytes).map_err(RunError::io(path, "write")))?;
         let Some(there) = there else { return Ok(()) };
         fs::set_permissions(part, there.permissions()).map_err(RunError::io(path, "write"))
     })

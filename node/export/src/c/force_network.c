@@ -12,14 +12,18 @@ static bool mrd_take(double *u, const double *slots, int lags, double mean, doub
 
 static double mrd_force(const mrd_parameters *p, mrd_force_state *s, const mrd_model_inputs *in) {
     double u[MRD_INPUTS], sums[4] = { 0.0, 0.0, 0.0, 0.0 }, force_n = mrd_nan();
-    int i, j, at = 2 * MRD_LAGS;
+#if MRD_HAS_DRIVE
+    const int at = 3 * MRD_LAGS;
+#else
+    const int at = 2 * MRD_LAGS;
+#endif
+    int i, j;
     bool is_ready;
     mrd_push_inputs(s, in);
     is_ready = mrd_take(u, s->displacement_m, MRD_LAGS, p->displacement_mean_m, p->displacement_deviation_m);
     is_ready = mrd_take(u + MRD_LAGS, s->velocity_m_s, MRD_LAGS, p->velocity_mean_m_s, p->velocity_deviation_m_s) && is_ready;
 #if MRD_HAS_DRIVE
     is_ready = mrd_take(u + 2 * MRD_LAGS, s->drive, MRD_LAGS, p->@drive_mean@, p->@drive_deviation@) && is_ready;
-    at = 3 * MRD_LAGS;
 #endif
     is_ready = mrd_take(u + at, s->force_n, MRD_FORCE_LAGS, p->force_offset_n, p->force_deviation_n) && is_ready;
     if (is_ready) {

@@ -21,6 +21,16 @@ extern "C" {
 #define MRD_INPUT_RANGE UINT32_C(16384)       /* a refused reading was beyond what its sensor can have */
 #define MRD_INPUT_RATE UINT32_C(32768)        /* a refused displacement would have needed too high a speed */
 
+#if MRD_HAS_INVERSE
+/* Why a command does not reach the demanded force: values of mrd_output.limited_by. */
+#define MRD_LIMITED_BY_NONE UINT32_C(0)
+#define MRD_LIMITED_BY_CURRENT_MAX UINT32_C(1) /* the damper is too soft at its largest current */
+#define MRD_LIMITED_BY_CURRENT_MIN UINT32_C(2) /* the damper is too hard even without current */
+#define MRD_LIMITED_BY_RATE UINT32_C(3)        /* the largest rate of the current */
+#define MRD_LIMITED_BY_PASSIVITY UINT32_C(4)   /* the force would drive the rod */
+#define MRD_LIMITED_BY_SAFE UINT32_C(5)        /* no demand, or the motion is not known: the current goes to the safe current */
+
+#endif
 /* Everything that calibration may change. A change takes effect with the next sample. */
 typedef struct {
 @PARAMETERS@} mrd_parameters;
@@ -68,6 +78,10 @@ typedef struct {
     mrd_force_state force;
 @EFFECT_STATES@} mrd_chain;
 
+#if MRD_HAS_INVERSE
+@INVERSE_TYPES@
+#endif
+
 /* State of one damper. All zeros is its state at rest, so static memory needs no call of mrd_reset. */
 typedef struct {
     mrd_gate displacement;
@@ -80,6 +94,10 @@ typedef struct {
 #endif
 #if MRD_NEEDS_TEMPERATURE
     mrd_held temperature;
+#endif
+#if MRD_HAS_INVERSE
+    bool drive_is_odd;
+    mrd_inverse inverse;
 #endif
     uint32_t pending;
     bool has_displacement;
@@ -110,6 +128,9 @@ typedef struct {
 #if MRD_NEEDS_TEMPERATURE
     double case_temp_c;    /* of the damper's case, degrees Celsius; NaN if there is no new reading */
 #endif
+#if MRD_HAS_INVERSE
+    double force_request_n; /* demanded force, N; NaN if there is no new request: the last one is held */
+#endif
 } mrd_input;
 
 /* The estimate of one sample. */
@@ -118,7 +139,19 @@ typedef struct {
     double reading_n;      /* that the load cell should show, N: with the effects of the load cell */
     double displacement_m; /* that the model was given, m */
     double velocity_m_s;   /* that the model was given, m/s */
+#if MRD_HAS_INVERSE
+    double current_a;      /* commanded, A; always finite, between 0 and the largest */
+    double requested_n;    /* demanded force, N; NaN if there is none */
+    double expected_n;     /* force that the model expects at this current, N; NaN if there is none */
+    double achievable_n[2]; /* least and largest force of the damper at this motion, N; NaN if not known */
+#endif
     uint32_t flags;        /* reasons, see above; 0 for a good estimate */
+#if MRD_HAS_INVERSE
+    uint32_t limited_by;   /* why the command does not reach the demanded force, see above */
+    bool is_commanded;     /* false before the first request, and if the displacement was refused: current_a is the one before */
+    bool is_achievable;    /* the demanded force is dissipative, and within the achievable range */
+    bool is_dissipative;   /* the demanded force takes energy out of the motion */
+#endif
 } mrd_output;
 
 /* Puts the damper at rest: the next sample is the first. */
@@ -127,6 +160,12 @@ void mrd_reset(mrd_state *state);
 /* One sample. Returns false if the displacement was refused: then there is no estimate, and the time until the next sample counts on.
    Never allocates, never waits, and takes a bounded number of operations. */
 bool mrd_step(const mrd_parameters *parameters, mrd_state *state, const mrd_input *input, mrd_output *output);
+
+#if MRD_HAS_INVERSE
+/* The current at `now_ns` while no displacement arrives: after inverse_request_timeout_s it goes to the safe current. Changes nothing. */
+double mrd_silent_current_a(const mrd_parameters *parameters, const mrd_state *state, int64_t now_ns);
+
+#endif
 
 #ifdef __cplusplus
 }

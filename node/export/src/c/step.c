@@ -36,28 +36,29 @@ static int mrd_place_check(const mrd_parameters *p, mrd_place *s, int64_t time_n
 }
 
 #if MRD_HAS_HELD
-/* Takes a reading of a channel that is held between readings. */
-static void mrd_hold(mrd_held *h, uint32_t *pending, int64_t time_ns, double value, double low, double high) {
+/* Takes a reading of a channel that is held between readings; returns MRD_REFUSE if it did not. */
+static int mrd_hold(mrd_held *h, uint32_t *pending, int64_t time_ns, double value, double low, double high) {
     int decision;
     if (mrd_is_nan(value)) {
-        return; /* no reading */
+        return MRD_REFUSE; /* no reading */
     }
     if (!mrd_is_finite(value)) {
         *pending |= MRD_INPUT_REFUSED;
-        return;
+        return MRD_REFUSE;
     }
     if (value < low || value > high) {
         *pending |= MRD_INPUT_REFUSED | MRD_INPUT_RANGE;
-        return;
+        return MRD_REFUSE;
     }
     decision = mrd_gate_check(&h->gate, time_ns);
     if (decision == MRD_REFUSE) {
         *pending |= MRD_INPUT_REFUSED;
-        return;
+        return MRD_REFUSE;
     }
     h->is_known = true;
     h->time_ns = time_ns;
     h->value = value;
+    return decision;
 }
 #endif
 
@@ -168,12 +169,20 @@ static void mrd_simulate(const mrd_parameters *p, mrd_state *s, const mrd_model_
 #endif
 }
 
+#if MRD_HAS_INVERSE
+/* The estimate, and the sample for the inverse controller. */
+static bool mrd_estimate(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd_output *out, mrd_moving *moving) {
+#else
 bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd_output *out) {
+#endif
     const double x_m = input->displacement_m;
     mrd_model_inputs in;
     double step_s, velocity_m_s;
     int decision;
     bool has_motion;
+#if MRD_HAS_INVERSE
+    const mrd_held before = s->drive;
+#endif
 
     out->force_n = mrd_nan();
     out->reading_n = mrd_nan();
@@ -181,14 +190,22 @@ bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd
     out->velocity_m_s = mrd_nan();
     out->flags = MRD_INPUT_REFUSED;
 
+#if MRD_HAS_INVERSE
+    decision = mrd_hold(&s->drive, &s->pending, input->time_ns, input->@DRIVE@, -MRD_DRIVE_MAX, MRD_DRIVE_MAX);
+    if (decision != MRD_REFUSE) {
+        s->drive_is_odd = mrd_current_is_odd(p, s->drive_is_odd, before.is_known && decision == MRD_ACCEPT,
+                                             mrd_between_s(before.time_ns, input->time_ns), before.value, input->@DRIVE@);
+    }
+#else
 #if MRD_HAS_DRIVE
-    mrd_hold(&s->drive, &s->pending, input->time_ns, input->@DRIVE@, -MRD_DRIVE_MAX, MRD_DRIVE_MAX);
+    (void)mrd_hold(&s->drive, &s->pending, input->time_ns, input->@DRIVE@, -MRD_DRIVE_MAX, MRD_DRIVE_MAX);
+#endif
 #endif
 #if MRD_VELOCITY_MEASURED
-    mrd_hold(&s->velocity, &s->pending, input->time_ns, input->velocity_m_s, -p->speed_max_m_s, p->speed_max_m_s);
+    (void)mrd_hold(&s->velocity, &s->pending, input->time_ns, input->velocity_m_s, -p->speed_max_m_s, p->speed_max_m_s);
 #endif
 #if MRD_NEEDS_TEMPERATURE
-    mrd_hold(&s->temperature, &s->pending, input->time_ns, input->case_temp_c, MRD_TEMP_MIN_C, MRD_TEMP_MAX_C);
+    (void)mrd_hold(&s->temperature, &s->pending, input->time_ns, input->case_temp_c, MRD_TEMP_MIN_C, MRD_TEMP_MAX_C);
 #endif
 
     if (!mrd_is_finite(x_m)) {
@@ -209,7 +226,15 @@ bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd
         /* All readings before belong to another time. */
         const uint32_t pending = s->pending;
         const mrd_gate gate = s->displacement;
+#if MRD_HAS_INVERSE
+        /* The driver keeps its current; the request belongs to another time, too. */
+        const mrd_inverse inverse = s->inverse;
         mrd_reset(s);
+        s->inverse = inverse;
+        s->inverse.request = (mrd_request){ 0 };
+#else
+        mrd_reset(s);
+#endif
         s->pending = pending;
         s->displacement = gate;
     }
@@ -271,6 +296,18 @@ bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd
 #endif
     }
     has_motion = mrd_condition(p, &s->motion, &in, x_m, velocity_m_s, &out->flags);
+#if MRD_HAS_INVERSE
+    moving->in = in;
+    moving->step_s = step_s;
+    if (!has_motion) {
+        moving->in.dt_s = mrd_nan();
+        moving->in.displacement_m = mrd_nan();
+        moving->in.velocity_m_s = mrd_nan();
+        moving->in.acceleration_m_s2 = mrd_nan();
+        moving->in.drive = mrd_nan();
+        moving->in.case_temp_c = mrd_nan();
+    }
+#endif
 #if MRD_HAS_DRIVE
     if (mrd_is_nan(in.drive)) {
         out->flags |= MRD_DRIVE_MISSING;
@@ -310,3 +347,21 @@ bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd
     mrd_simulate(p, s, &in, out);
     return true;
 }
+
+#if MRD_HAS_INVERSE
+bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd_output *out) {
+    mrd_moving moving;
+    bool drive_counts;
+    mrd_take_request(p, &s->inverse.request, &s->inverse.is_requested, &s->pending, input->time_ns, input->force_request_n);
+    if (!mrd_estimate(p, s, input, out, &moving)) {
+        /* No command: the one before holds. */
+        mrd_begin(p, &s->inverse);
+        out->is_commanded = false;
+        mrd_without_forces(&s->inverse, mrd_nan(), out);
+        return false;
+    }
+    drive_counts = (out->flags & MRD_DRIVE_STALE) == 0U && !s->drive_is_odd;
+    mrd_command(p, &s->inverse, &moving, input->time_ns, drive_counts, out);
+    return true;
+}
+#endif

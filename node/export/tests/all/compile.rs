@@ -1,7 +1,7 @@
 //! Compiles an export with a driver that reads readings and writes estimates as bits.
 
 use mr_damper_export::CSource;
-use mr_damper_export::vectors::{Expected, Readings};
+use mr_damper_export::vectors::{Expected, Readings, SILENCE_NS};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
@@ -39,13 +39,28 @@ pub(crate) fn write(dir: &Path, source: &CSource) {
     if source.needs_temperature {
         fields += "        in.case_temp_c = given[3];\n";
     }
+    let mut commands = String::new();
+    if source.has_inverse {
+        fields += "        in.force_request_n = given[4];\n";
+        commands = format!(
+            "        {{
+            const double numbers[6] = {{ out.current_a, out.requested_n, out.expected_n, out.achievable_n[0], out.achievable_n[1],
+                {name}_silent_current_a(&{name}_default_parameters, &state, time_ns + INT64_C({SILENCE_NS})) }};
+            words[0] = out.limited_by;
+            words[1] = (out.is_commanded ? 1U : 0U) | (out.is_achievable ? 2U : 0U) | (out.is_dissipative ? 4U : 0U);
+            fwrite(words, sizeof words, 1, to);
+            fwrite(numbers, sizeof numbers, 1, to);
+        }}
+"
+        );
+    }
     let driver = format!(
         "#include <stdio.h>
 #include \"{name}.h\"
 int main(void) {{
     static {name}_state state;
     int64_t time_ns;
-    double given[4];
+    double given[5];
 #ifdef FILES
     FILE *from = fopen(\"in.bin\", \"rb\"), *to = fopen(\"out.bin\", \"wb\");
 #else
@@ -62,7 +77,7 @@ int main(void) {{
         fwrite(words, sizeof words, 1, to);
         fwrite(&out.force_n, sizeof out.force_n, 1, to);
         fwrite(&out.reading_n, sizeof out.reading_n, 1, to);
-    }}
+{commands}    }}
     fclose(to);
     return 0;
 }}
@@ -79,6 +94,18 @@ pub(crate) fn run(
     level: &str,
     readings: &[Readings],
 ) -> Vec<Expected> {
+    run_bytes(dir, source, compiler, level, readings).chunks_exact(24).map(parse).collect()
+}
+
+/// The same, for what the driver wrote: 24 bytes for each sample, and 56 more with an inverse.
+pub(crate) fn run_bytes(
+    dir: &Path,
+    source: &CSource,
+    compiler: &str,
+    level: &str,
+    readings: &[Readings],
+) -> Vec<u8> {
+    let size = if source.has_inverse { 80 } else { 24 };
     let program = dir.join(format!("{}{level}", compiler.replace('/', "_")));
     let compiled = Command::new(compiler)
         .current_dir(dir)
@@ -100,18 +127,18 @@ pub(crate) fn run(
     let output = child.wait_with_output().expect("it ends");
     writer.join().expect("no panic").expect("it reads everything");
     assert!(
-        output.status.success() && output.stdout.len() == 24 * readings.len(),
+        output.status.success() && output.stdout.len() == size * readings.len(),
         "{compiler} {level}: {output:?}"
     );
-    output.stdout.chunks_exact(24).map(parse).collect()
+    output.stdout
 }
 
 /// The readings as the driver reads them.
 pub(crate) fn bytes(readings: &[Readings]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(40 * readings.len());
+    let mut bytes = Vec::with_capacity(48 * readings.len());
     for r in readings {
         bytes.extend(r.time_ns.to_le_bytes());
-        for value in [r.displacement_m, r.drive, r.velocity_m_s, r.case_temp_c] {
+        for value in [r.displacement_m, r.drive, r.velocity_m_s, r.case_temp_c, r.force_request_n] {
             bytes.extend(value.to_le_bytes());
         }
     }

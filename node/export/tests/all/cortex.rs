@@ -3,9 +3,11 @@
 use crate::back_to_back::assert_same;
 use crate::cases::{effects, fuzzy_tanh, learned, terms, with};
 use crate::compile::{WARNINGS, bytes, is_here, parse, write};
+use crate::inverse::{Prepared, TIGHT};
 use mr_damper_export::vectors::{Readings, expected, readings};
 use mr_damper_export::{CExport, CSource};
 use mr_damper_model::effect::Effect;
+use mr_damper_model::inverse::Method;
 use std::path::Path;
 use std::process::Command;
 
@@ -83,6 +85,23 @@ fn cortex_m_has_the_services_bits() {
             let found = run(dir.path(), &source, processor, &all);
             let exported: Vec<_> = found.chunks_exact(24).map(parse).collect();
             assert_same(&format!("{name}, {}", processor.0), &all, &service, &exported);
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm"]
+fn cortex_m_has_the_services_commands() {
+    assert!(is_here("arm-none-eabi-gcc") && is_here("qemu-system-arm"), "install them");
+    let lag = with(fuzzy_tanh(), &[Effect::CoilLag.example(), Effect::GasSpring.example()]);
+    for method in [Method::Search, Method::Polynomial, Method::Fuzzy] {
+        let own = Prepared::of(&lag, method, TIGHT, 1000, 77).expect("an inverse");
+        let dir = tempfile::tempdir().expect("a directory");
+        write(dir.path(), &own.source);
+        for processor in PROCESSORS {
+            let what = format!("{}, {}", method.name(), processor.0);
+            let seen = own.compare(&what, &run(dir.path(), &own.source, processor, &own.all));
+            assert!(seen[0] > 300, "{what}: {seen:?}");
         }
     }
 }

@@ -1,6 +1,11 @@
 //! The exported C code computes the service's bits.
 
+mod a2l;
 mod back_to_back;
 mod cases;
 mod compile;
 mod cortex;
+mod cppcheck;
+mod fmu;
+mod inverse;
+mod requirements;

@@ -1,0 +1,11 @@
+/* A current with its force, and the damper's range.
+   @needs bits min max
+   @source */
+typedef struct {
+    double current_a, force_n;
+} mrd_end;
+
+typedef struct {
+    mrd_end at;
+    double achievable_n[2];
+} mrd_solution;
