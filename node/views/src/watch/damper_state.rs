@@ -266,6 +266,6 @@ fn words(view: &DamperView, now_s: f64) -> (StatusLevel, String) {
 }
 
 /// A duration as text.
-fn span(seconds: f64) -> String {
+pub(super) fn span(seconds: f64) -> String {
     if seconds < 100.0 { format!("{seconds:.1} s") } else { format!("{:.0} min", seconds / 60.0) }
 }
