@@ -1,6 +1,8 @@
 //! The live page in a browser: its table shows the server's values, `serve --workshop` works, and a page of another site reads only
 //! what it may.
 
+mod four_dampers;
+
 use crate::interop_files::utf8;
 use crate::interop_support::gate::{Outcome, interop};
 use crate::interop_support::json::{count, found, text, texts, truth};
@@ -82,7 +84,7 @@ fn the_browsers_table_shows_the_servers_values() {
         let own = |name: &&str| name.starts_with(PAGE);
         assert!(texts(&saw, "/fetched").iter().all(own), "nothing is fetched from elsewhere: {saw:#}");
         let drawn = found(&saw, "/drawn").as_array().expect("a list of charts");
-        assert!(drawn.len() == 3 && drawn.iter().all(|chart| *chart == true), "{saw:#}");
+        assert!(drawn.len() == 6 && drawn.iter().all(|chart| *chart == true), "{saw:#}");
 
         // A telephone's size, in dark mode, controlled by keys.
         let frozen = look(lab, &browser, &["--size", "360x740", "--dark", "--keys", "space ?"]);
