@@ -197,35 +197,38 @@ def check(page, source, pictures):
     return found
 
 
-def resident_mb(browser):
-    """Memory of the renderer's process: the JavaScript heap, typed arrays, canvases and code."""
+def renderer(browser):
+    """The renderer's process: its memory in MB (JavaScript heap, typed arrays, canvases and code), and its processor time in seconds."""
     session, browser.session = browser.session, None
     processes = browser.ask("SystemInfo.getProcessInfo")["processInfo"]
     browser.session = session
-    total = 0
-    for process in processes:
-        if process["type"] == "renderer":
-            status = pathlib.Path(f"/proc/{process['id']}/status").read_text()
-            total += int(re.search(r"VmRSS:\s+(\d+)", status)[1])
-    return round(total / 1024, 1)
+    memory, cpu_s = 0.0, 0.0
+    for process in (process for process in processes if process["type"] == "renderer"):
+        own = pathlib.Path(f"/proc/{process['id']}")
+        memory += int(re.search(r"VmRSS:\s+(\d+)", (own / "status").read_text())[1]) / 1024
+        times = (own / "stat").read_text().rsplit(") ", 1)[1].split()[11:13]
+        cpu_s += sum(map(int, times)) / os.sysconf("SC_CLK_TCK")
+    return memory, cpu_s
 
 
 def measure(page, seconds):
-    """Frames per second, the share of the main thread, and memory after garbage collection, ten times."""
+    """Frames per second, processor time, and memory after garbage collection, ten times."""
     metrics = lambda: {m["name"]: m["value"] for m in page.browser.ask("Performance.getMetrics")["metrics"]}
     rows = []
     page.js(FRAMES)
     for _ in range(10):
         page.js("globalThis.frames.length = 0")
-        before, began = metrics(), time.monotonic()
+        (_, cpu_s), before, began = renderer(page.browser), metrics(), time.monotonic()
         time.sleep(seconds / 10)
         count, gap = page.js("(() => { const f = globalThis.frames, gaps = f.slice(1).map((t, k) => t - f[k]); return [f.length, Math.max(...gaps)]; })()")
         after, took = metrics(), time.monotonic() - began
+        cpu_s = renderer(page.browser)[1] - cpu_s
         page.browser.ask("HeapProfiler.collectGarbage")
         rows.append({"frames_per_s": round(count / took, 1), "longest_gap_ms": round(gap),
                      "busy": round((after["TaskDuration"] - before["TaskDuration"]) / took, 2),
                      "script": round((after["ScriptDuration"] - before["ScriptDuration"]) / took, 2),
-                     "heap_mb": round(metrics()["JSHeapUsedSize"] / 2**20, 1), "resident_mb": resident_mb(page.browser),
+                     "cpu": round(cpu_s / took, 2), "cpu_ms_per_frame": round(1000 * cpu_s / max(count, 1), 1),
+                     "heap_mb": round(metrics()["JSHeapUsedSize"] / 2**20, 1), "resident_mb": round(renderer(page.browser)[0], 1),
                      "nodes": int(after["Nodes"]), "load": os.getloadavg()[0], "rate": page.js("document.querySelector('#rate').textContent")})
     return rows
 

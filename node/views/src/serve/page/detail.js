@@ -80,7 +80,7 @@ export class Detail {
     this.damper = damper;
     this.ranges = { loop: { force: new Range(10), velocity: new Range(0.01) } };
     for (const [name, { least }] of Object.entries(CHARTS)) this.ranges[name] = new Range(least);
-    this.drawn = null;
+    this.drawn = [null, null];
     this.pointer = null;
     this.card = $("card").content.firstElementChild.cloneNode(true);
     this.card.setAttribute("aria-label", `damper ${damper.name}`);
@@ -214,7 +214,7 @@ export class Detail {
   }
 
   redraw() {
-    this.drawn = null;
+    this.drawn = [null, null];
   }
 
   // ---- charts
@@ -225,23 +225,22 @@ export class Detail {
     return all.map((name) => ({ name, canvas: this.canvases[name], title: this.find(`figure.${name} figcaption`).innerText.replace(/\s+/g, " ") }));
   }
 
-  draw(ink) {
+  /** Draws half of the charts: `phase` is 0 or 1 in turn, so that a frame has half of the work. */
+  draw(ink, phase) {
     const time = this.time();
     // A window that follows the newest value is drawn again when it has moved by half a pixel.
     const step = time.live ? (0.5 * (time.to - time.from)) / Math.max(this.canvases.force.clientWidth, 1) : 0;
-    if (this.drawn !== null && Math.abs(time.to - this.drawn) <= step) return;
-    this.drawn = time.to;
+    if (this.drawn[phase] !== null && Math.abs(time.to - this.drawn[phase]) <= step) return;
+    this.drawn[phase] = time.to;
     if (this.pointer && time.live) time.cursor = range.cursor = this.timeOf(this.pointer.canvas, this.pointer.x);
     const { trails } = this.damper;
-    let seen = new Set();
-    for (const [name, spec] of Object.entries(CHARTS)) {
-      if (this.canvases[name].clientHeight === 0) continue;
+    for (const [k, [name, spec]] of Object.entries(CHARTS).entries()) {
+      if (k % 2 !== phase || this.canvases[name].clientHeight === 0) continue;
       const own = name === "drive" && this.damper.state?.drive?.unit === "V" ? { ...spec, lines: spec.lines.slice(0, 1) } : spec;
       const modes = timeChart(this.canvases[name], trails, own, time, this.ranges[name], ink);
-      if (spec.modes) seen = modes;
+      if (spec.modes) for (const item of this.find(".modes").children) item.hidden = !modes.has(item.className);
     }
-    loopChart(this.canvases.loop, trails, time, this.ranges.loop, ink);
-    for (const item of this.find(".modes").children) item.hidden = !seen.has(item.className);
+    if (phase === 1) loopChart(this.canvases.loop, trails, time, this.ranges.loop, ink);
     this.showCursor(time);
     this.damper.need(time.from);
   }
