@@ -106,13 +106,14 @@ fn the_keyboard_reaches_four_dampers_that_fit_a_screen() {
         );
         assert_eq!(texts(&saw, "/errors"), [""; 0], "{saw:#}");
 
-        // A damper that has stopped comes first, looks stopped, and is counted.
+        // A damper without displacement comes first, is counted as a fault, and its chart looks stopped, although the node goes on
+        // publishing estimates that are INVALID.
         vehicle.stop_last();
         let first = "document.querySelector('.summary')";
         let looks = format!(
             "{first}?.dataset.damper === 'rear_right' \
              && /^stopped, newest value .* ago$/.test({first}.querySelector('.stopped').textContent) \
-             && document.querySelector('#counts').innerText.includes('1 stopped')"
+             && document.querySelector('#counts').innerText.includes('1 fault')"
         );
         std::thread::sleep(Duration::from_secs(2));
         look(lab, &browser, &["--size", "1920x1080", "--step", &looks]);

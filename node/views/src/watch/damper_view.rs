@@ -11,7 +11,7 @@ use crate::live::RateMeter;
 use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
 use serde::Serialize;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 /// Age from which a value is stale, s.
 pub const STALE_S: f64 = 1.0;
@@ -75,17 +75,31 @@ struct Lines {
 struct Line<const N: usize> {
     points: PointBuffer<N>,
     history: History<N>,
+    /// Time of the newest value, s since the first sample, and its time of arrival, s.
+    newest: Option<(f64, f64)>,
 }
 
 impl<const N: usize> Line<N> {
-    fn push(&mut self, at_s: f64, values: [f64; N]) {
+    /// Adds `values` at `at_s`, received at `now_s`.
+    fn push(&mut self, at_s: f64, values: [f64; N], now_s: f64) {
         self.points.push(at_s, values);
         self.history.push(at_s, values);
+        // A node without displacement repeats the stamp of its last estimate: such messages do not continue the line.
+        if self.newest.is_none_or(|(newest_s, _)| at_s > newest_s) {
+            self.newest = Some((at_s, now_s));
+        }
+    }
+
+    /// Time since the newest value was received, s; `None` without values.
+    fn age_s(&self, now_s: f64) -> Option<f64> {
+        self.newest.map(|(_, received_s)| (now_s - received_s).max(0.0))
     }
 
     fn clear(&mut self) {
+        // The points keep their count, from which readers continue.
         self.points.clear();
         self.history.clear();
+        self.newest = None;
     }
 }
 
@@ -178,9 +192,9 @@ impl DamperView {
             DamperMessage::Displacement(message) => {
                 self.follow(stamp);
                 let at_s = self.seconds(stamp);
-                self.lines.displacement.push(at_s, [message.displacement]);
+                self.lines.displacement.push(at_s, [message.displacement], now_s);
                 if let Some((at_s, velocity)) = self.slope.take(at_s, message.displacement) {
-                    self.lines.velocity.push(at_s, [velocity]);
+                    self.lines.velocity.push(at_s, [velocity], now_s);
                 }
             }
             DamperMessage::CoilCurrent(message) => {
@@ -201,20 +215,20 @@ impl DamperView {
                 self.follow(stamp);
                 let at_s = self.seconds(stamp);
                 let values = [message.force, message.band_low, message.band_high, f64::from(message.mode)];
-                self.lines.estimate.push(at_s, values);
+                self.lines.estimate.push(at_s, values, now_s);
                 self.estimate = Some(Received { what: message, at_s: now_s });
             }
             DamperMessage::Residual(message) => {
                 self.take_measured(stamp, message.measured, now_s);
                 let at_s = self.seconds(stamp);
-                self.lines.residual.push(at_s, [message.residual]);
+                self.lines.residual.push(at_s, [message.residual], now_s);
                 self.residual = Some(Received { what: message, at_s: now_s });
             }
             DamperMessage::Command(message) => {
                 let at_s = self.seconds(stamp);
                 self.lines
                     .command
-                    .push(at_s, [message.force_requested, message.force_expected, message.current]);
+                    .push(at_s, [message.force_requested, message.force_expected, message.current], now_s);
                 self.command = Some(Received { what: message, at_s: now_s });
             }
             DamperMessage::Mode(message) => {
@@ -235,7 +249,7 @@ impl DamperView {
 
     fn take_measured(&mut self, stamp: Stamp, force_n: f64, now_s: f64) {
         let at_s = self.seconds(stamp);
-        self.lines.measured.push(at_s, [force_n]);
+        self.lines.measured.push(at_s, [force_n], now_s);
         self.measured =
             Some(Received { what: LatestForce { stamp_ns: stamp.nanos(), force_n }, at_s: now_s });
     }
@@ -246,7 +260,7 @@ impl DamperView {
             self.lines.drive.clear();
         }
         let at_s = self.seconds(stamp);
-        self.lines.drive.push(at_s, [what.value]);
+        self.lines.drive.push(at_s, [what.value], now_s);
         self.drive = Some(Received { what, at_s: now_s });
     }
 
@@ -280,6 +294,21 @@ impl DamperView {
     #[must_use]
     pub fn rate_hz(&self, topic: usize, now_s: f64) -> f64 {
         self.rates[topic].hz(now_s)
+    }
+
+    /// Ages of the newest values of the lines of the charts, s, by their names in [`ChartPoints`]; lines without values are left out.
+    pub(super) fn line_ages_s(&self, now_s: f64) -> BTreeMap<&'static str, f64> {
+        let lines = &self.lines;
+        let ages = [
+            ("estimate", lines.estimate.age_s(now_s)),
+            ("measured", lines.measured.age_s(now_s)),
+            ("residual", lines.residual.age_s(now_s)),
+            ("velocity", lines.velocity.age_s(now_s)),
+            ("command", lines.command.age_s(now_s)),
+            ("displacement", lines.displacement.age_s(now_s)),
+            ("drive", lines.drive.age_s(now_s)),
+        ];
+        ages.into_iter().filter_map(|(name, age_s)| Some((name, age_s?))).collect()
     }
 
     /// The values at `now_s`.

@@ -171,6 +171,7 @@ fn values_equal_those_in_the_messages_and_have_ages() {
                     "reason": "newer",
                 }],
                 "rates_hz": {"coil_current": 1.0, "force_estimate": 1.0, "force_residual": 1.0, "mode": 1.0},
+                "points_age_s": {"command": 1.5, "drive": 0.5, "estimate": 1.0, "measured": 0.75, "residual": 0.75},
                 "unreadable": 1,
             }],
         })
@@ -238,6 +239,24 @@ fn charts_continue_from_batch_to_batch_and_restart_when_time_is_set_back() {
     let start = serde_json::to_value(registry.start(4.0)).expect("JSON");
     assert_eq!(start["points"][0]["estimate"], anew["points"][0]["estimate"]);
     assert_eq!((&start["batch"], &start["schema"]), (&expected!(4), &expected!("mr-damper/serve/1")));
+}
+
+#[test]
+fn a_line_ages_while_a_node_repeats_its_last_stamp() {
+    let mut view = DamperView::new("left");
+    let invalid = |at_s| estimate(at_s, Mode::Fault, Validity::Invalid, Reasons::DISPLACEMENT_LOST);
+    for now_s in [0.0, 0.1, 0.2] {
+        view.take(displacement(now_s, 0.0), now_s);
+        view.take(invalid(now_s), now_s);
+    }
+    for now_s in [1.2, 2.2, 3.2] {
+        view.take(invalid(0.2), now_s);
+    }
+    let state = view.state(3.2);
+    assert_eq!(state.estimate.map(|estimate| estimate.age_s), Some(0.0));
+    assert!((state.points_age_s["estimate"] - 3.0).abs() < 1e-12, "{:?}", state.points_age_s);
+    assert!((state.points_age_s["displacement"] - 3.0).abs() < 1e-12, "{:?}", state.points_age_s);
+    assert!(!state.points_age_s.contains_key("measured"));
 }
 
 #[test]

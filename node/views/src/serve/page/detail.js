@@ -52,7 +52,7 @@ const CHARTS = {
 /** Only the force of small charts: one for each damper in the overview. */
 export const SUMMARY_CHART = { lines: [ESTIMATE, MEASURED], band: true, modes: true };
 /** Age from which a chart has stopped, s. */
-const STOPPED_S = 1;
+export const STOPPED_S = 1;
 
 /** A value of a point, or the smallest and largest of a bucket. */
 function reading(value, digits, scale = 1) {
@@ -71,6 +71,7 @@ export function showBadges(find, state) {
 }
 
 export function bandText(estimate) {
+  if (estimate.band_low_n === null && estimate.band_high_n === null) return "no estimate in this mode";
   return `90 %: ${fixed(estimate.band_low_n, 0)} to ${fixed(estimate.band_high_n, 0)} N${estimate.band_calibrated ? "" : ", not calibrated"}`;
 }
 

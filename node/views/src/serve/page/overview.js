@@ -1,7 +1,7 @@
 // All dampers as tiles, worst first, and the counts of alarms, faults and stopped dampers in the header.
 
 import { Range, timeChart } from "/charts.js";
-import { SUMMARY_CHART, bandText, residualText, showBadges } from "/detail.js";
+import { STOPPED_S, SUMMARY_CHART, bandText, residualText, showBadges } from "/detail.js";
 import { $, addressOf, ago, alarmed, big, look, named, put, severity } from "/words.js";
 
 /** Window of the small charts, s. */
@@ -27,7 +27,7 @@ export class Summary {
   }
 
   show(state) {
-    const { tile, find } = this, { estimate, residual } = state, silent = state.level === "silent";
+    const { tile, find } = this, { estimate, residual } = state;
     tile.classList.remove("good", "warning", "bad", "silent");
     tile.classList.add(state.level);
     put(find(".status"), state.status);
@@ -38,9 +38,10 @@ export class Summary {
     put(find(".note.residual"), residual ? residualText(residual) : "no measured force");
     put(find(".big.age"), estimate ? ago(estimate.age_s) : "never");
     put(find(".age-note"), `${(state.rates_hz.force_estimate ?? 0).toFixed(0)} estimates per second`);
-    const stopped = silent && estimate !== null;
+    const age = this.damper.age(), stopped = age > STOPPED_S && Number.isFinite(age);
+    tile.classList.toggle("old", stopped);
     find(".stopped").hidden = !stopped;
-    if (stopped) put(find(".stopped"), `stopped, newest value ${ago(estimate.age_s)}`);
+    if (stopped) put(find(".stopped"), `stopped, newest value ${ago(age)}`);
   }
 
   draw(ink) {
@@ -48,7 +49,7 @@ export class Summary {
     const { damper } = this, edge = damper.edge(), step = (0.5 * SPAN_S) / Math.max(this.canvas.clientWidth, 1);
     if (this.drawn !== null && Math.abs(edge - this.drawn) <= step) return;
     this.drawn = edge;
-    const time = { from: edge - SPAN_S, to: edge, live: damper.state?.level === "silent" ? "last" : "now" };
+    const time = { from: edge - SPAN_S, to: edge, live: damper.age() > STOPPED_S ? "last" : "now" };
     timeChart(this.canvas, damper.trails, SUMMARY_CHART, time, this.range, ink);
   }
 }

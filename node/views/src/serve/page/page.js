@@ -53,13 +53,10 @@ class Damper {
     return newest === null ? 0 : Math.min(seconds() - this.offset, newest + 0.1);
   }
 
-  /** Age of the newest value of a series, or of the whole damper, s. */
+  /** Age of the newest point of a series, or of the newest one of all, s; infinite without points. */
   age(series) {
-    const ages = [this.state?.estimate?.age_s, this.state?.measured?.age_s].filter((age) => age !== undefined);
-    const whole = ages.length ? Math.min(...ages) : Infinity;
-    if (!series) return whole;
-    const newest = this.trails.newest(), last = this.trails[series].points.last();
-    return last === null || newest === null ? Infinity : whole + Math.max(newest - last, 0);
+    const ages = this.state?.points_age_s ?? {};
+    return series ? (ages[series] ?? Infinity) : Math.min(...Object.values(ages), Infinity);
   }
 
   origin() {
