@@ -10,7 +10,7 @@ const WIDTH: f64 = 640.0;
 const LEFT: f64 = 236.0;
 const RIGHT: f64 = 16.0;
 const TOP: f64 = 10.0;
-const BOTTOM: f64 = 52.0;
+const BOTTOM: f64 = 44.0;
 /// Height of a row, and of the ends of an interval.
 const ROW: f64 = 27.0;
 const END: f64 = 9.0;
@@ -104,7 +104,7 @@ impl RowPlot {
         let _ = write!(
             svg,
             "<text class=\"label end\" x=\"{right}\" y=\"{:.0}\">{}</text>",
-            bottom + 44.0,
+            bottom + 38.0,
             label.into_string()
         );
         if let Some(x) = self.mark.filter(|mark| mark.is_finite()).map(|mark| scale.place(mark)) {
