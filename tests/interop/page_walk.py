@@ -56,6 +56,24 @@ CATCH = """(() => {
 })()"""
 AXE = """axe.run(document, { resultTypes: ['violations'] }).then((found) => found.violations.map(
   ({ id, impact, help, nodes }) => ({ id, impact, help, nodes: nodes.slice(0, 3).map((node) => node.html.slice(0, 160)) })))"""
+# Bytes that the page keeps of a damper after ten and after thirty minutes at full rate, with the server's history.
+KEPT = """import('/trails.js').then(({ Trails, SERIES }) => {
+  const trails = new Trails();
+  const bytes = () => trails.all().flatMap(({ points, buckets }) => [points, buckets]).reduce(
+    (sum, rows) => sum + rows.t.byteLength + rows.v.reduce((own, column) => own + column.byteLength, 0), 0);
+  const rows = (from, to, per_s, columns) => Array.from({ length: (to - from) * per_s }, (_, k) => [from + k / per_s, ...Array(columns).fill(k)]);
+  const fill = (from, to) => {
+    for (let s = from; s < to; s += 10) {
+      const of = (per_s, each) => Object.fromEntries(Object.entries(SERIES).map(([name, columns]) => [name, rows(s, s + 10, per_s, each * columns)]));
+      trails.add({ era: 0, zero_ns: 0, ...of(256, 1) }, false);
+      trails.addHistory({ era: 0, zero_ns: 0, bucket_s: 0.1, ...of(10, 2) });
+    }
+  };
+  fill(0, 600);
+  const ten = bytes();
+  fill(600, 1800);
+  return [ten, bytes(), trails.estimate.points.first(), trails.estimate.buckets.first(), trails.newest()];
+})"""
 # Frames of the page while it is measured.
 FRAMES = "(() => { globalThis.frames = []; const count = (t) => { globalThis.frames.push(t); requestAnimationFrame(count); }; requestAnimationFrame(count); })()"
 
@@ -166,6 +184,7 @@ def walk(page, pictures):
     page.press("Escape")
     page.until(f"{OPENED} === '' && document.activeElement.closest('.summary')?.dataset.damper === '{first}'", 5)
     saw["escape"] = [still == f"damper {first}", page.js("document.activeElement.closest('.summary')?.dataset.damper") == first]
+    saw["kept"] = page.resolved(KEPT)
     # A link to a damper, and the browser's own way back.
     other = page.js("[...document.querySelectorAll('.summary')].at(-1).dataset.damper")
     page.js(f"location.hash = encodeURIComponent('{other}')")

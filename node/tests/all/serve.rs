@@ -156,7 +156,11 @@ fn has_history(page: &Page) {
     for series in ["estimate", "measured", "residual", "velocity", "displacement", "drive"] {
         let buckets = history[series].as_array().expect("a list");
         let expected = (RUN_S - 1.0) / history["bucket_s"].as_f64().expect("a length");
-        assert!((buckets.len() as f64 - expected).abs() < 0.2 * expected, "{series}: {} buckets", buckets.len());
+        assert!(
+            (buckets.len() as f64 - expected).abs() < 0.2 * expected,
+            "{series}: {} buckets",
+            buckets.len()
+        );
         let is_ordered = |bucket: &Json| bucket[1].as_f64() <= bucket[2].as_f64();
         assert!(buckets.iter().all(is_ordered), "{series}: the smallest value precedes the largest");
     }
@@ -306,7 +310,16 @@ fn wrong_requests_and_excess_streams_are_refused_and_ctrl_c_ends_open_streams() 
     }
     assert_eq!(friend.ask("GET /snapshot ", "evil.example", &from("http://localhost:8000")).status, 421);
     // The page fetches nothing from elsewhere: it contains no address.
-    let scripts = ["/page.js", "/overview.js", "/detail.js", "/range.js", "/charts.js", "/trails.js", "/export.js", "/words.js"];
+    let scripts = [
+        "/page.js",
+        "/overview.js",
+        "/detail.js",
+        "/range.js",
+        "/charts.js",
+        "/trails.js",
+        "/export.js",
+        "/words.js",
+    ];
     for part in ["/", "/page.css"].into_iter().chain(scripts) {
         let body = page.ask(&format!("GET {part} "), &own, "").body;
         assert!(body.len() > 1000 && !body.contains("http:") && !body.contains("https:"), "{part}");

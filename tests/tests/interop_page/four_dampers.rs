@@ -99,6 +99,12 @@ fn the_keyboard_reaches_four_dampers_that_fit_a_screen() {
         }
         assert!(text(&saw, "/held").contains("Newest values are not shown"), "{saw:#}");
         exports(&saw);
+        // After 30 minutes as after 10: a minute of points, ten minutes of buckets.
+        let [ten, thirty, points_s, buckets_s, newest_s] =
+            [0, 1, 2, 3, 4].map(|k| found(&saw, &format!("/kept/{k}")).as_f64().expect("a number"));
+        assert!(ten == thirty && ten < 8e6, "the page keeps {ten} bytes of a damper, later {thirty}");
+        assert!((60.0..64.0).contains(&(newest_s - points_s)), "points since {points_s} of {newest_s} s");
+        assert!((600.0..620.0).contains(&(newest_s - buckets_s)), "buckets since {buckets_s} of {newest_s} s");
         assert_eq!(
             (truth(&saw, "/escape/0"), truth(&saw, "/escape/1"), text(&saw, "/back")),
             (true, true, ""),

@@ -172,6 +172,7 @@ fn a_browser_uploads_a_run_replays_it_diagnoses_it_and_shows_the_report() {
             told("#figures", "free run"),
             click(".card .ask"),
             "document.querySelector('.card .found a') !== null".to_owned(),
+            "document.querySelector('.card.selected .last-report:not([hidden]) a')?.href.includes('/reports/')".to_owned(),
         ];
         let mut arguments = vec!["--file", utf8(&file)];
         steps.iter().for_each(|step| arguments.extend(["--step", step.as_str()]));

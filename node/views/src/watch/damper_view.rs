@@ -226,9 +226,11 @@ impl DamperView {
             }
             DamperMessage::Command(message) => {
                 let at_s = self.seconds(stamp);
-                self.lines
-                    .command
-                    .push(at_s, [message.force_requested, message.force_expected, message.current], now_s);
+                self.lines.command.push(
+                    at_s,
+                    [message.force_requested, message.force_expected, message.current],
+                    now_s,
+                );
                 self.command = Some(Received { what: message, at_s: now_s });
             }
             DamperMessage::Mode(message) => {
