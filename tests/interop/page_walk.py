@@ -21,7 +21,7 @@ from page_peer import Browser
 
 # Name, code and virtual key code of keys that are not letters.
 KEYS = {"Tab": 9, "Enter": 13, "Escape": 27, "ArrowLeft": 37, "ArrowRight": 39}
-# What has the focus: its kind and its name.
+# Kind and name of the element that has the focus.
 FOCUSED = """(() => {
   const one = document.activeElement;
   return one === document.body ? 'body' : `${one.localName} ${one.getAttribute('aria-label') ?? one.textContent.trim().slice(0, 40)}`;
@@ -56,7 +56,7 @@ CATCH = """(() => {
 })()"""
 AXE = """axe.run(document, { resultTypes: ['violations'] }).then((found) => found.violations.map(
   ({ id, impact, help, nodes }) => ({ id, impact, help, nodes: nodes.slice(0, 3).map((node) => node.html.slice(0, 160)) })))"""
-# Bytes that the page keeps of a damper after ten and after thirty minutes at full rate, with the server's history.
+# Bytes that the page keeps of a damper after 25 and after 40 minutes at full rate, with the server's history.
 KEPT = """import('/trails.js').then(({ Trails, SERIES }) => {
   const trails = new Trails();
   const bytes = () => trails.all().flatMap(({ points, buckets }) => [points, buckets]).reduce(
@@ -69,10 +69,10 @@ KEPT = """import('/trails.js').then(({ Trails, SERIES }) => {
       trails.addHistory({ era: 0, zero_ns: 0, bucket_s: 0.1, ...of(10, 2) });
     }
   };
-  fill(0, 600);
-  const ten = bytes();
-  fill(600, 1800);
-  return [ten, bytes(), trails.estimate.points.first(), trails.estimate.buckets.first(), trails.newest()];
+  fill(0, 1500);
+  const before = bytes();
+  fill(1500, 2400);
+  return [before, bytes(), trails.estimate.points.first(), trails.estimate.buckets.first(), trails.newest()];
 })"""
 # Frames of the page while it is measured.
 FRAMES = "(() => { globalThis.frames = []; const count = (t) => { globalThis.frames.push(t); requestAnimationFrame(count); }; requestAnimationFrame(count); })()"

@@ -119,7 +119,7 @@ pub struct DiagnosisSummary {
     pub text: String,
     /// Duration of the diagnosis, s.
     pub seconds: f64,
-    /// What only the report's page shows.
+    /// The pictures of the report's page; the live page does not show them.
     #[serde(skip)]
     pictures: Pictures,
 }
@@ -227,7 +227,7 @@ impl DiagnosisSummary {
                 }))
             }
             @if !confounded.is_empty() {
-                (section("What would separate confounded effects",
+                (section("Excitation that separates confounded effects",
                     &table(&["=named", "=effect", "excitation that shows or excludes it"], &confounded)))
             }
             @if !self.pictures.structures.is_empty() {
@@ -303,7 +303,7 @@ fn discovered(term: &AnswerTerm) -> EffectSummary {
     }
 }
 
-/// What would show or exclude an effect and each that these runs cannot distinguish from it; nothing if there are none.
+/// The excitation that shows or excludes an effect, and the same for each effect that these runs cannot distinguish from it.
 fn separating(named: &EffectSummary) -> Vec<Vec<String>> {
     if named.or.is_empty() {
         return Vec::new();
@@ -399,7 +399,7 @@ mod tests {
         for part in [
             ">coil lag: tau<",
             ">linear (given)<",
-            "What would separate confounded effects",
+            "Excitation that separates confounded effects",
             Effect::ForceLag.separated_by(),
         ] {
             assert!(page.contains(part), "{part} in {page}");

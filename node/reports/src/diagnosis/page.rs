@@ -37,7 +37,7 @@ pub fn html(outcome: &DiagnosisOutcome<'_>) -> String {
     let body = html! {
         (summary(result))
         (section("What was found", &found(result, outcome.drive)))
-        @if let Some(confounded) = confounded(result) { (section("What would separate confounded effects", &confounded)) }
+        @if let Some(confounded) = confounded(result) { (section("Excitation that separates confounded effects", &confounded)) }
         @if !result.structures.is_empty() { (section("Structures of the base", &structures(result))) }
         (section("Error before and after", &errors(result)))
         (section("What each effect explains", &rounds(result)))
@@ -143,7 +143,7 @@ fn sentence(named: &NamedEffect) -> Markup {
     }
 }
 
-/// What would separate effects that these runs cannot distinguish; nothing if there are none.
+/// The excitation that separates effects that these runs cannot distinguish; `None` without such effects.
 fn confounded(result: &DiagnosisResult) -> Option<Markup> {
     let of = |named: &NamedEffect| {
         let (others, settles) = words::class(named)?;

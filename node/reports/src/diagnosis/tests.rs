@@ -515,7 +515,7 @@ fn a_report_shows_the_result_and_loads_nothing_from_the_network() {
         "a base &amp; &lt;its&gt; runs",
         "read once, the squared error falls to 2.8 % of what it was",
         "These runs cannot tell it from force_lag",
-        "What would separate confounded effects",
+        "Excitation that separates confounded effects",
         "motion over a wide band with the current held",
         "95 % intervals of the parameters of the effects",
         ">coil_lag (one_tau): tau<",

@@ -132,7 +132,7 @@ pub struct ChartPoints<'a> {
     pub drive: Vec<ChartPoint<1>>,
 }
 
-/// The last minutes of a damper as extremes over buckets of [`BUCKET_S`]. The values are those of [`ChartPoints`].
+/// The last minutes of a damper as extremes over buckets of [`BUCKET_S`]. It has the same values as [`ChartPoints`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[expect(missing_docs, reason = "same fields as ChartPoints")]
 pub struct ChartHistory {

@@ -1,7 +1,7 @@
 //! Terminal view of all dampers: one row per damper, and details of the selected one below.
 
 use super::damper_state::{self, Aged, DamperState, StatusLevel};
-use super::damper_view::ChartPoints;
+use super::damper_view::{ChartPoints, STALE_S};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
@@ -224,7 +224,10 @@ fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &DamperState) {
 }
 
 fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&ChartPoints<'_>>, state: &DamperState) {
-    let is_silent = state.level == StatusLevel::Silent;
+    // The newest of the drawn points: a node without displacement still publishes, but repeats its last stamp.
+    let drawn = ["estimate", "measured"].iter().filter_map(|line| state.points_age_s.get(line));
+    let age_s = drawn.copied().min_by(f64::total_cmp);
+    let has_stopped = age_s.is_none_or(|age_s| age_s > STALE_S);
     let series = |is_estimate: bool| -> Vec<(f64, f64)> {
         let Some(points) = points else { return Vec::new() };
         if is_estimate {
@@ -239,16 +242,16 @@ fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&ChartPoints<'_>
     let bound = all()
         .filter(|point| end_s - point.0 <= CHART_S && point.1.is_finite())
         .fold(10.0_f64, |bound, point| bound.max(1.1 * point.1.abs()));
-    let colours = if is_silent { [Color::DarkGray; 2] } else { [Color::Gray, Color::Cyan] };
+    let colours = if has_stopped { [Color::DarkGray; 2] } else { [Color::Gray, Color::Cyan] };
     let set = |data, colour| {
         Dataset::default().marker(Marker::Braille).graph_type(GraphType::Scatter).style(colour).data(data)
     };
-    let stopped = state.estimate.as_ref().map_or_else(
+    let stopped = age_s.map_or_else(
         || " no estimate yet; force, N: ".to_owned(),
-        |estimate| format!(" STOPPED {} ago; force before, N: ", damper_state::span(estimate.age_s)),
+        |age_s| format!(" STOPPED {} ago; force before, N: ", damper_state::span(age_s)),
     );
     let title = Line::from(vec![
-        if is_silent {
+        if has_stopped {
             Span::styled(stopped, Style::new().fg(Color::Yellow).bold())
         } else {
             Span::raw(" force, N: ")
@@ -257,7 +260,7 @@ fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&ChartPoints<'_>
         Span::styled("• estimate ", colours[1]),
     ]);
     let quiet = Style::new().fg(Color::DarkGray);
-    let frame_style = if is_silent { quiet } else { Style::new() };
+    let frame_style = if has_stopped { quiet } else { Style::new() };
     let y_labels = [-bound, 0.0, bound].map(|n| format!("{n:6.0}"));
     let chart = Chart::new(vec![set(&measured, colours[0]), set(&estimate, colours[1])])
         .block(Block::bordered().border_style(frame_style).title(title))

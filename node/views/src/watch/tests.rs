@@ -257,6 +257,11 @@ fn a_line_ages_while_a_node_repeats_its_last_stamp() {
     assert!((state.points_age_s["estimate"] - 3.0).abs() < 1e-12, "{:?}", state.points_age_s);
     assert!((state.points_age_s["displacement"] - 3.0).abs() < 1e-12, "{:?}", state.points_age_s);
     assert!(!state.points_age_s.contains_key("measured"));
+    let mut registry = DamperRegistry::default();
+    registry.add("left");
+    *registry.view("left").expect("it was added") = view;
+    let shown = on_screen(&registry, 3.2, 0, None, (80, 24));
+    assert!(shown.contains("INVALID") && shown.contains("STOPPED 3.0 s ago; force before"), "{shown}");
 }
 
 #[test]
