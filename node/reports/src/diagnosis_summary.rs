@@ -1,9 +1,11 @@
 //! Presents a running node's answer to `close_loop`: figures and an HTML page, made from the answer's JSON alone.
 
+use super::diagnosis::pictures::{self, ParameterPicture, StructurePicture};
 use super::diagnosis::words;
 use super::page::{capital, page, section};
 use super::table::table;
 use maud::html;
+use mr_damper_model::effect::Effect;
 use mr_damper_model::effect::term::ID;
 use mr_damper_model::metrics::Fit;
 use serde::{Deserialize, Serialize};
@@ -23,6 +25,11 @@ struct NodeAnswer {
     /// Missing in the answer of an older node.
     #[serde(default)]
     terms: Vec<AnswerTerm>,
+    /// Missing in the answer of an older node.
+    #[serde(default)]
+    structures: Vec<AnswerStructure>,
+    /// Missing in the answer of an older node.
+    noise_floor: Option<AnswerFloor>,
     refused: Vec<AnswerRefusal>,
     untestable: Vec<AnswerRefusal>,
     test: Option<AnswerErrors>,
@@ -55,6 +62,21 @@ struct AnswerTerm {
     sentence: String,
     class: Vec<[String; 2]>,
     p: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct AnswerStructure {
+    structure: String,
+    given: bool,
+    /// `null` for a structure that could not be used.
+    alone_rsse_n: Option<f64>,
+    rsse_n: Option<f64>,
+    chosen: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct AnswerFloor {
+    rsse_n: Option<f64>,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -97,6 +119,44 @@ pub struct DiagnosisSummary {
     pub text: String,
     /// Duration of the diagnosis, s.
     pub seconds: f64,
+    /// The pictures of the report's page; the live page does not show them.
+    #[serde(skip)]
+    pictures: Pictures,
+}
+
+/// The numbers of the pictures of the report's page.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Pictures {
+    parameters: Vec<ParameterPicture>,
+    structures: Vec<StructurePicture>,
+    noise_n: Option<f64>,
+}
+
+impl Pictures {
+    fn of(answer: &NodeAnswer) -> Self {
+        let parameters = |effect: &AnswerEffect| {
+            let title = title(&effect.id, effect.form.as_deref());
+            let one = |(name, value): (&String, &f64)| {
+                let [low, high] = *effect.ci95.get(name)?;
+                Some(ParameterPicture {
+                    name: format!("{title}: {}", words::quantity(name, None).0),
+                    value: *value,
+                    // JSON has no infinite numbers: an end of null is open.
+                    ci95: [low.unwrap_or(f64::NEG_INFINITY), high.unwrap_or(f64::INFINITY)],
+                })
+            };
+            effect.parameters.iter().filter_map(one).collect::<Vec<_>>()
+        };
+        let structure = |row: &AnswerStructure| {
+            let name = if row.given { format!("{} (given)", row.structure) } else { row.structure.clone() };
+            Some(StructurePicture { name, rmse_n: [row.alone_rsse_n?, row.rsse_n?], is_chosen: row.chosen })
+        };
+        Self {
+            parameters: answer.effects.iter().flat_map(parameters).collect(),
+            structures: answer.structures.iter().filter_map(structure).collect(),
+            noise_n: answer.noise_floor.as_ref().and_then(|floor| floor.rsse_n),
+        }
+    }
 }
 
 /// A named effect with its parameters as text, or a discovered term with its equation and what it does.
@@ -131,7 +191,9 @@ impl DiagnosisSummary {
         let test = answer.test.iter().map(|test| row("sealed part", test.before, test.after));
         let confirm = answer.confirm.iter().map(|errors| row("confirm part", errors.before, errors.after));
         let refused = answer.refused.iter().chain(&answer.untestable);
+        let pictures = Pictures::of(&answer);
         Ok(Self {
+            pictures,
             says: first_paragraphs(&answer.text),
             effects: answer.effects.iter().map(named).chain(answer.terms.iter().map(discovered)).collect(),
             errors: test.chain(confirm).collect(),
@@ -155,10 +217,21 @@ impl DiagnosisSummary {
         let effects: Vec<Vec<String>> = self.effects.iter().map(effect_cells).collect();
         let errors: Vec<Vec<String>> = self.errors.iter().map(error_cells).collect();
         let refused: Vec<Vec<String>> = self.refused.iter().map(|row| row.to_vec()).collect();
+        let confounded: Vec<Vec<String>> = self.effects.iter().flat_map(separating).collect();
         let body = html! {
             p { strong { (self.says) } }
             @if !effects.is_empty() {
-                (section("Named", &table(&["=effect", "value and 95 % interval", "=chance", "cannot be distinguished from"], &effects)))
+                (section("Named", &html! {
+                    (table(&["=effect", "value and 95 % interval", "=chance", "cannot be distinguished from"], &effects))
+                    (pictures::intervals(&self.pictures.parameters))
+                }))
+            }
+            @if !confounded.is_empty() {
+                (section("Excitation that separates confounded effects",
+                    &table(&["=named", "=effect", "excitation that shows or excludes it"], &confounded)))
+            }
+            @if !self.pictures.structures.is_empty() {
+                (section("Structures of the base", &pictures::ladder(&self.pictures.structures, self.pictures.noise_n)))
             }
             @if !errors.is_empty() {
                 (section("Simulation error, without each run's mean",
@@ -230,6 +303,21 @@ fn discovered(term: &AnswerTerm) -> EffectSummary {
     }
 }
 
+/// The excitation that shows or excludes an effect, and the same for each effect that these runs cannot distinguish from it.
+fn separating(named: &EffectSummary) -> Vec<Vec<String>> {
+    if named.or.is_empty() {
+        return Vec::new();
+    }
+    let known = |id: &String| Effect::ALL.into_iter().find(|effect| effect.id() == *id);
+    std::iter::once(&named.id)
+        .chain(&named.or)
+        .filter_map(known)
+        .map(|effect| {
+            vec![named.title.clone(), effect.id().replace('_', " "), effect.separated_by().to_owned()]
+        })
+        .collect()
+}
+
 fn effect_cells(effect: &EffectSummary) -> Vec<String> {
     let or = if effect.or.is_empty() { "–".to_owned() } else { effect.or.join(", ").replace('_', " ") };
     vec![effect.title.clone(), effect.parameters.join("; "), effect.chance.clone(), or]
@@ -295,6 +383,31 @@ mod tests {
             assert!(page.contains(part), "{part} in {page}");
         }
         assert!(!page.contains("<b>") && !page.contains("http"), "{page}");
+    }
+
+    #[test]
+    fn the_page_has_pictures_and_says_what_would_separate_confounded_effects() {
+        let mut whole = answer();
+        whole["effects"][0]["class"] = serde_json::json!(["coil_lag", "force_lag"]);
+        whole["noise_floor"] = serde_json::json!({"source": "replicates", "rsse_n": 4.0, "esr": 1e-4});
+        whole["structures"] = serde_json::json!([
+            {"structure": "linear", "given": true, "alone_rsse_n": 60.0, "rsse_n": 40.0, "chosen": false},
+            {"structure": "li", "given": false, "alone_rsse_n": 31.0, "rsse_n": 5.2, "chosen": true},
+            {"structure": "kwok", "given": false, "alone_rsse_n": null, "rsse_n": null, "chosen": false},
+        ]);
+        let page = DiagnosisSummary::of(&whole, None).expect("a good answer").html("left", "today");
+        for part in [
+            ">coil lag: tau<",
+            ">linear (given)<",
+            "Excitation that separates confounded effects",
+            Effect::ForceLag.separated_by(),
+        ] {
+            assert!(page.contains(part), "{part} in {page}");
+        }
+        // The structure that failed has no row.
+        assert_eq!((page.matches("<svg").count(), page.matches("<circle").count()), (2, 1 + 4));
+        let plain = DiagnosisSummary::of(&answer(), None).expect("a good answer").html("left", "today");
+        assert!(!plain.contains("Structures of the base"), "an older node sends no structures");
     }
 
     #[test]

@@ -24,6 +24,7 @@ mod panels;
 pub mod plot;
 pub mod recording;
 pub mod reproduction;
+mod row_plot;
 mod scale;
 pub mod scatter;
 pub mod summary;

@@ -148,6 +148,25 @@ fn keeps_up(events: &[StreamEvent], heard: &Heard<ForceEstimate>, residuals: &He
     assert!(known * 100 > points.len() * 95, "{known} of {} points are points of the topic", points.len());
 }
 
+/// Checks that the history has the whole run, with extremes in order.
+fn has_history(page: &Page) {
+    let answer = page.ask("GET /history?damper=left&from_s=1 ", &page.host(), "");
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    let history: Json = serde_json::from_str(&answer.body).expect("JSON");
+    for series in ["estimate", "measured", "residual", "velocity", "displacement", "drive"] {
+        let buckets = history[series].as_array().expect("a list");
+        let expected = (RUN_S - 1.0) / history["bucket_s"].as_f64().expect("a length");
+        assert!(
+            (buckets.len() as f64 - expected).abs() < 0.2 * expected,
+            "{series}: {} buckets",
+            buckets.len()
+        );
+        let is_ordered = |bucket: &Json| bucket[1].as_f64() <= bucket[2].as_f64();
+        assert!(buckets.iter().all(is_ordered), "{series}: the smallest value precedes the largest");
+    }
+    assert_eq!(history["command"], serde_json::json!([]), "nothing was commanded");
+}
+
 /// The first damper, once the page shows that it is silent, which takes at most 5 s.
 fn silent(page: &Page) -> Json {
     let deadline = Instant::now() + Duration::from_secs(5);
@@ -212,6 +231,7 @@ fn values_equal_the_topics_and_a_stalled_reader_does_not_affect_the_others() {
     let number = |event: &StreamEvent| event.data["batch"].as_u64().expect("a number");
     assert_eq!(number(&next[next.len() - 1]), number(before) + skipped + 1, "the count is right");
 
+    has_history(&page);
     setup.stop();
     let state = silent(&page);
     assert_eq!(state["estimate"]["stale"], true, "{state}");
@@ -246,6 +266,12 @@ fn wrong_requests_and_excess_streams_are_refused_and_ctrl_c_ends_open_streams() 
         ("POST / ", own.clone(), 405),
         ("DELETE /snapshot ", own.clone(), 405),
         ("OPTIONS /events ", own.clone(), 405),
+        ("GET /history?damper=left ", own.clone(), 200),
+        ("GET /history?damper=rear/right&from_s=-1.5 ", own.clone(), 200),
+        ("GET /history?damper=nobody ", own.clone(), 404),
+        ("GET /history?damper=left&from_s=x ", own.clone(), 400),
+        ("GET /history ", own.clone(), 400),
+        ("GET /history?damper=left ", "evil.example".to_owned(), 421),
         ("GET /etc/passwd ", own.clone(), 404),
         ("GET /../Cargo.toml ", own.clone(), 404),
     ] {
@@ -274,6 +300,7 @@ fn wrong_requests_and_excess_streams_are_refused_and_ctrl_c_ends_open_streams() 
         ("GET /events ", "http://localhost:8000", 200),
         ("GET /snapshot ", "http://localhost:8001", 403),
         ("GET /page.js ", "http://localhost:8000", 403),
+        ("GET /history?damper=left ", "http://localhost:8000", 403),
         ("POST /snapshot ", "http://localhost:8000", 403),
     ] {
         let answer = friend.ask(request, &friend.host(), &from(site));
@@ -283,7 +310,17 @@ fn wrong_requests_and_excess_streams_are_refused_and_ctrl_c_ends_open_streams() 
     }
     assert_eq!(friend.ask("GET /snapshot ", "evil.example", &from("http://localhost:8000")).status, 421);
     // The page fetches nothing from elsewhere: it contains no address.
-    for part in ["/", "/page.css", "/page.js", "/charts.js"] {
+    let scripts = [
+        "/page.js",
+        "/overview.js",
+        "/detail.js",
+        "/range.js",
+        "/charts.js",
+        "/trails.js",
+        "/export.js",
+        "/words.js",
+    ];
+    for part in ["/", "/page.css"].into_iter().chain(scripts) {
         let body = page.ask(&format!("GET {part} "), &own, "").body;
         assert!(body.len() > 1000 && !body.contains("http:") && !body.contains("https:"), "{part}");
     }

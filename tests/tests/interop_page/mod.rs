@@ -1,6 +1,8 @@
 //! The live page in a browser: its table shows the server's values, `serve --workshop` works, and a page of another site reads only
 //! what it may.
 
+mod four_dampers;
+
 use crate::interop_files::utf8;
 use crate::interop_support::gate::{Outcome, interop};
 use crate::interop_support::json::{count, found, text, texts, truth};
@@ -82,7 +84,7 @@ fn the_browsers_table_shows_the_servers_values() {
         let own = |name: &&str| name.starts_with(PAGE);
         assert!(texts(&saw, "/fetched").iter().all(own), "nothing is fetched from elsewhere: {saw:#}");
         let drawn = found(&saw, "/drawn").as_array().expect("a list of charts");
-        assert!(drawn.len() == 3 && drawn.iter().all(|chart| *chart == true), "{saw:#}");
+        assert!(drawn.len() == 6 && drawn.iter().all(|chart| *chart == true), "{saw:#}");
 
         // A telephone's size, in dark mode, controlled by keys.
         let frozen = look(lab, &browser, &["--size", "360x740", "--dark", "--keys", "space ?"]);
@@ -170,6 +172,7 @@ fn a_browser_uploads_a_run_replays_it_diagnoses_it_and_shows_the_report() {
             told("#figures", "free run"),
             click(".card .ask"),
             "document.querySelector('.card .found a') !== null".to_owned(),
+            "document.querySelector('.card.selected .last-report:not([hidden]) a')?.href.includes('/reports/')".to_owned(),
         ];
         let mut arguments = vec!["--file", utf8(&file)];
         steps.iter().for_each(|step| arguments.extend(["--step", step.as_str()]));

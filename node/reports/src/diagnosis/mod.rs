@@ -2,6 +2,7 @@
 
 pub mod json;
 mod page;
+pub(crate) mod pictures;
 mod plots;
 mod terms;
 mod text;

@@ -1,5 +1,6 @@
 //! The report of a diagnosis as one HTML file.
 
+use super::pictures::{self, ParameterPicture, StructurePicture};
 use super::plots::ResidualPlots;
 use super::traces::RunTrace;
 use super::{terms, words};
@@ -7,7 +8,8 @@ use crate::page::{capital, page, section};
 use crate::table::{bars, facts, table};
 use maud::{Markup, html};
 use mr_damper_model::diagnose::{
-    Candidate, DiagnosisResult, NamedEffect, RefusedEffect, Settings, TestResult, Verdict,
+    Candidate, DiagnosisResult, FoundParameter, NamedEffect, RefusedEffect, Settings, StructureRow,
+    TestResult, Verdict,
 };
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::DriveKind;
@@ -35,6 +37,7 @@ pub fn html(outcome: &DiagnosisOutcome<'_>) -> String {
     let body = html! {
         (summary(result))
         (section("What was found", &found(result, outcome.drive)))
+        @if let Some(confounded) = confounded(result) { (section("Excitation that separates confounded effects", &confounded)) }
         @if !result.structures.is_empty() { (section("Structures of the base", &structures(result))) }
         (section("Error before and after", &errors(result)))
         (section("What each effect explains", &rounds(result)))
@@ -88,6 +91,7 @@ pub(crate) fn found(result: &DiagnosisResult, drive: Option<DriveKind>) -> Marku
             p { "No effect of the library was named." }
         } @else {
             div.named { (table(&columns, &rows)) }
+            (pictures::intervals(&intervals(result, drive)))
             ul { @for named in &result.effects { li { (sentence(named)) } } }
             p.lead { "Intervals come from blocks of seconds that are left out in turn, because neighbouring samples are not independent; p is "
                 "corrected for all effects that were tried. " em { "Removed, training" } " is the share of the reducible error (above the noise "
@@ -97,9 +101,21 @@ pub(crate) fn found(result: &DiagnosisResult, drive: Option<DriveKind>) -> Marku
     }
 }
 
+fn intervals(result: &DiagnosisResult, drive: Option<DriveKind>) -> Vec<ParameterPicture> {
+    let of = |named: &NamedEffect| {
+        let title = words::title(&named.effect);
+        let one = |found: &FoundParameter| {
+            let (name, _) = words::quantity(found.name, drive);
+            ParameterPicture { name: format!("{title}: {name}"), value: found.value, ci95: found.ci95 }
+        };
+        named.parameters.iter().map(one).collect::<Vec<_>>()
+    };
+    result.effects.iter().flat_map(of).collect()
+}
+
 /// One row per parameter; cells that belong to the effect as a whole are filled in its first row only.
 fn parameters(named: &NamedEffect, drive: Option<DriveKind>) -> Vec<Vec<String>> {
-    let row = |(index, found): (usize, &mr_damper_model::diagnose::FoundParameter)| {
+    let row = |(index, found): (usize, &FoundParameter)| {
         let (name, unit) = words::quantity(found.name, drive);
         let [low, high] = found.ci95.map(words::figure);
         let [from, to] = found.range.map(words::round);
@@ -121,11 +137,31 @@ fn parameters(named: &NamedEffect, drive: Option<DriveKind>) -> Vec<Vec<String>>
 fn sentence(named: &NamedEffect) -> Markup {
     html! {
         b { (words::title(&named.effect)) } ": " (named.effect.effect().what()) "."
-        @if let Some((others, settles)) = words::class(named) {
-            " These runs cannot tell it from " (others) ". Excitation that would:"
-            ul { @for (id, excitation) in settles { li { (id) ": " (excitation) } } }
+        @if let Some((others, _)) = words::class(named) {
+            " These runs cannot tell it from " (others) "; the section below says which excitation would."
         }
     }
+}
+
+/// The excitation that separates effects that these runs cannot distinguish; `None` without such effects.
+fn confounded(result: &DiagnosisResult) -> Option<Markup> {
+    let of = |named: &NamedEffect| {
+        let (others, settles) = words::class(named)?;
+        let title = words::title(&named.effect);
+        let row = |(index, (id, excitation)): (usize, (String, &str))| {
+            let once = |text: &str| if index == 0 { text.to_owned() } else { String::new() };
+            vec![once(&title), once(&others), id, excitation.to_owned()]
+        };
+        Some(settles.into_iter().enumerate().map(row).collect::<Vec<_>>())
+    };
+    let rows: Vec<Vec<String>> = result.effects.iter().filter_map(of).flatten().collect();
+    (!rows.is_empty()).then(|| {
+        html! {
+            p { "Each group of effects leaves the same trace in these runs. Record a run with the excitation in the last column, and "
+                "diagnose again with it." }
+            (table(&["named", "cannot be told from", "=effect", "excitation that shows or excludes it"], &rows))
+        }
+    })
 }
 
 fn structures(result: &DiagnosisResult) -> Markup {
@@ -134,8 +170,21 @@ fn structures(result: &DiagnosisResult) -> Markup {
         result.structures.iter().map(|row| vec![words::structure_name(row), words::structure(row)]).collect();
     html! {
         p { (words::STRUCTURES) "." }
+        (pictures::ladder(&ladder(result), result.noise_floor.is_known().then_some(result.noise_floor.rsse_n)))
         (table(&columns, &rows))
     }
+}
+
+fn ladder(result: &DiagnosisResult) -> Vec<StructurePicture> {
+    let of = |row: &StructureRow| {
+        let fit = row.outcome.as_ref().ok()?;
+        Some(StructurePicture {
+            name: words::structure_name(row),
+            rmse_n: [fit.alone_rsse_n, fit.rsse_n],
+            is_chosen: fit.chosen,
+        })
+    };
+    result.structures.iter().filter_map(of).collect()
 }
 
 fn errors(result: &DiagnosisResult) -> Markup {

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! watch/ ─→ LiveData ─┬→ GET /snapshot       all values as JSON
-//!                     └→ GET /events         server-sent events: start, then a batch every 20 ms
+//!                     ├→ GET /events         server-sent events: start, then a batch every 20 ms
+//!                     └→ GET /history        the last minutes of a damper: ?damper=NAME&from_s=SECONDS
 //!               page/ ──→ GET /              the page, its style and its scripts
 //! workshop/ ←─────────→ workshop_routes.rs   only with --workshop: diagnoses, uploads, replays; changes are POST requests
 //! ```
@@ -23,7 +24,7 @@ use crate::error::ServeError;
 use crate::watch::{DamperRegistry, DataOrigin, SharedRegistry, Snapshot, json};
 use crate::workshop::{WorkshopRequests, WorkshopState};
 use axum::Router;
-use axum::extract::State;
+use axum::extract::{Query, State};
 use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
@@ -31,7 +32,7 @@ use axum::routing::get;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use socket2::SockRef;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, MutexGuard};
@@ -243,16 +244,26 @@ const WORKSHOP_HEAD: &str = "<meta name=\"mr-damper-token\" content=\"TOKEN\">\n
                          <script type=\"module\" src=\"/workshop.js\"></script>";
 const WORKSHOP_BODY: &str = include_str!("page/workshop.html");
 
+/// Content types of the page's files.
+const CSS: &str = "text/css; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
 /// The page's other files: path, content type, content.
-const PAGE_FILES: [StaticFile; 3] = [
-    ("/page.css", "text/css; charset=utf-8", include_str!("page/page.css")),
-    ("/page.js", "text/javascript; charset=utf-8", include_str!("page/page.js")),
-    ("/charts.js", "text/javascript; charset=utf-8", include_str!("page/charts.js")),
+const PAGE_FILES: [StaticFile; 9] = [
+    ("/page.css", CSS, include_str!("page/page.css")),
+    ("/page.js", SCRIPT, include_str!("page/page.js")),
+    ("/overview.js", SCRIPT, include_str!("page/overview.js")),
+    ("/detail.js", SCRIPT, include_str!("page/detail.js")),
+    ("/range.js", SCRIPT, include_str!("page/range.js")),
+    ("/charts.js", SCRIPT, include_str!("page/charts.js")),
+    ("/trails.js", SCRIPT, include_str!("page/trails.js")),
+    ("/export.js", SCRIPT, include_str!("page/export.js")),
+    ("/words.js", SCRIPT, include_str!("page/words.js")),
 ];
 /// Additional files of the workshop.
 const WORKSHOP_FILES: [StaticFile; 2] = [
-    ("/workshop.css", "text/css; charset=utf-8", include_str!("page/workshop.css")),
-    ("/workshop.js", "text/javascript; charset=utf-8", include_str!("page/workshop.js")),
+    ("/workshop.css", CSS, include_str!("page/workshop.css")),
+    ("/workshop.js", SCRIPT, include_str!("page/workshop.js")),
 ];
 
 type StaticFile = (&'static str, &'static str, &'static str);
@@ -268,7 +279,10 @@ fn page(token: Option<&Token>) -> String {
 }
 
 fn routes(shared: Arc<Shared>) -> Router {
-    let mut router = Router::new().route("/snapshot", get(snapshot)).route("/events", get(events::stream));
+    let mut router = Router::new()
+        .route("/snapshot", get(snapshot))
+        .route("/history", get(history))
+        .route("/events", get(events::stream));
     let whole: Arc<str> = page(shared.workshop.as_ref().map(|(_, token)| token)).into();
     let html = [(header::CONTENT_TYPE, "text/html; charset=utf-8")];
     router = router.route("/", get(move || async move { (html, String::from(&*whole)) }));
@@ -281,7 +295,9 @@ fn routes(shared: Arc<Shared>) -> Router {
         None => workshop_routes::disabled(router),
     };
     router
-        .fallback(|| async { (StatusCode::NOT_FOUND, "not found; available are /, /events and /snapshot\n") })
+        .fallback(|| async {
+            (StatusCode::NOT_FOUND, "not found; available are /, /events, /history and /snapshot\n")
+        })
         .method_not_allowed_fallback(only_get)
         .layer(from_fn_with_state(Arc::clone(&shared), request_check::check))
         .with_state(shared)
@@ -320,4 +336,23 @@ async fn snapshot(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Resp
     let workshop = shared.workshop_for(&headers).map(|workshop| workshop.state());
     let text = json(&Everything { snapshot: live.registry().snapshot(live.now_s()), workshop });
     ([(header::CONTENT_TYPE, "application/json")], text).into_response()
+}
+
+/// The query of `/history`.
+#[derive(Debug, Deserialize)]
+struct HistoryQuery {
+    /// Name of the damper.
+    damper: String,
+    /// First time, s since the damper's first sample; by default everything that is kept.
+    from_s: Option<f64>,
+}
+
+async fn history(State(shared): State<Arc<Shared>>, Query(query): Query<HistoryQuery>) -> Response {
+    let found = shared.live.registry().history(&query.damper, query.from_s.unwrap_or(f64::NEG_INFINITY));
+    // The registry is not locked while the JSON is made.
+    match found {
+        Some(found) => ([(header::CONTENT_TYPE, "application/json")], json(&found)).into_response(),
+        None => (StatusCode::NOT_FOUND, format!("no damper named \"{}\" is watched\n", query.damper))
+            .into_response(),
+    }
 }

@@ -129,6 +129,9 @@ pub struct DamperState {
     pub changes: Vec<PastModeChange>,
     /// Messages per second of each topic over the last second, without silent topics.
     pub rates_hz: BTreeMap<&'static str, f64>,
+    /// Ages of the newest values of the lines of the charts, s. A line can be older than its reading: a node without displacement
+    /// repeats its last stamp.
+    pub points_age_s: BTreeMap<&'static str, f64>,
     /// Messages that could not be read.
     pub unreadable: u64,
 }
@@ -195,6 +198,7 @@ pub(super) fn of(view: &DamperView, now_s: f64) -> DamperState {
         }),
         changes: view.changes.iter().map(|received| change(received, now_s)).collect(),
         rates_hz: rates.filter(|(_, hz)| *hz > 0.0).collect(),
+        points_age_s: view.line_ages_s(now_s),
         unreadable: view.unreadable,
     }
 }
@@ -266,6 +270,6 @@ fn words(view: &DamperView, now_s: f64) -> (StatusLevel, String) {
 }
 
 /// A duration as text.
-fn span(seconds: f64) -> String {
+pub(super) fn span(seconds: f64) -> String {
     if seconds < 100.0 { format!("{seconds:.1} s") } else { format!("{:.0} min", seconds / 60.0) }
 }

@@ -11,6 +11,7 @@ mod damper_message;
 mod damper_state;
 mod damper_view;
 pub mod discovery;
+mod history;
 mod point_buffer;
 mod registry;
 pub mod screen;
@@ -22,7 +23,8 @@ pub use damper_state::{
     Aged, CommandReading, DamperState, DriveReading, EstimateReading, MeasuredReading, PastModeChange,
     ResidualReading, StatusLevel,
 };
-pub use damper_view::{ChartCursor, ChartPoints, DamperView, STALE_S};
+pub use damper_view::{ChartCursor, ChartHistory, ChartPoints, DamperView, STALE_S};
+pub use history::{BUCKET_S, Bucket, HISTORY_S, History};
 pub use point_buffer::{ChartPoint, KEPT_S, PointBuffer};
 pub use registry::{DamperRegistry, DataOrigin, MOST_DAMPERS, SCHEMA, Snapshot, json};
 pub use shared_registry::SharedRegistry;

@@ -5,8 +5,9 @@ use std::collections::VecDeque;
 
 /// Points are kept for this time, s.
 pub const KEPT_S: f64 = 10.0;
-/// Smallest spacing of points, s. It gives about 250 points per second, more than a chart has columns.
-const SPACING_S: f64 = 0.0039;
+/// Points per second, more than a chart has columns. Time is divided into cells of this rate, and the first point of each is kept:
+/// lines whose samples have the same stamps so keep points at the same stamps.
+const CELLS_PER_S: f64 = 256.0;
 /// Maximum number of points at any stamps: a few more than fit into [`KEPT_S`].
 const MOST: usize = 2600;
 
@@ -38,9 +39,10 @@ pub struct PointBuffer<const N: usize> {
 }
 
 impl<const N: usize> PointBuffer<N> {
-    /// Adds a point, unless it is too close to the previous one or earlier.
+    /// Adds a point, unless there is one in its cell already, or a later one.
     pub fn push(&mut self, at_s: f64, values: [f64; N]) {
-        if self.points.back().is_some_and(|last| at_s - last.at_s < SPACING_S) {
+        let cell = |at_s: f64| (at_s * CELLS_PER_S).floor();
+        if self.points.back().is_some_and(|last| cell(at_s) <= cell(last.at_s)) {
             return;
         }
         self.points.push_back(ChartPoint { at_s, values: values.map(|value| value as f32) });
@@ -77,7 +79,14 @@ mod tests {
         let mut cursor = 0;
         let kept = buffer.since(&mut cursor);
         assert!((2400..=MOST).contains(&kept.len()), "{} points of ten seconds", kept.len());
-        assert!(kept.windows(2).all(|pair| pair[1].at_s - pair[0].at_s >= SPACING_S));
+        assert!(kept.windows(2).all(|pair| pair[1].at_s > pair[0].at_s));
+        // A line that begins later keeps the same stamps.
+        let mut other = PointBuffer::<1>::default();
+        (50_001..60_000).for_each(|k| other.push(f64::from(k) * 1e-3, [0.0]));
+        let times = |points: &[ChartPoint<1>]| {
+            points.iter().rev().take(2000).map(|point| point.at_s).collect::<Vec<_>>()
+        };
+        assert_eq!(times(&other.since(&mut 0)), times(&kept));
         assert!(kept[0].at_s >= 59.9 - KEPT_S);
         buffer.push(1.0, [f64::NAN]);
         assert_eq!(buffer.since(&mut cursor), [], "a point in the past");

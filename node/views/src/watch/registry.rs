@@ -2,13 +2,14 @@
 //!
 //! ```text
 //! messages ─→ DamperRegistry ─┬→ snapshot   all current values
+//!                             ├→ history    the last minutes of one damper
 //!                             ├→ start      the same with all points of the charts, for a new reader
 //!                             └→ batch      the points since the previous batch, and from time to time the values
 //! ```
 
 use super::damper_message::DamperMessage;
 use super::damper_state::DamperState;
-use super::damper_view::{ChartCursor, ChartPoints, DamperView};
+use super::damper_view::{ChartCursor, ChartHistory, ChartPoints, DamperView};
 use serde::Serialize;
 
 /// Name of the JSON schema.
@@ -144,6 +145,13 @@ impl DamperRegistry {
     pub fn start(&self, now_s: f64) -> Snapshot<'_> {
         let points = self.views().filter_map(|view| view.points(&mut ChartCursor::default())).collect();
         Snapshot { points, ..self.snapshot(now_s) }
+    }
+
+    /// The last minutes of the damper named `name`, from `from_s` seconds since its first sample on; `None` if there is no such damper.
+    #[must_use]
+    pub fn history(&self, name: &str, from_s: f64) -> Option<ChartHistory> {
+        let place = self.place(name).ok()?;
+        Some(self.views[place].0.history(from_s))
     }
 
     /// The next batch as JSON, and its number.

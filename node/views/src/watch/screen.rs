@@ -1,7 +1,7 @@
 //! Terminal view of all dampers: one row per damper, and details of the selected one below.
 
-use super::damper_state::{Aged, DamperState, StatusLevel};
-use super::damper_view::ChartPoints;
+use super::damper_state::{self, Aged, DamperState, StatusLevel};
+use super::damper_view::{ChartPoints, STALE_S};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
@@ -46,7 +46,7 @@ pub fn draw(frame: &mut Frame<'_>, content: &ScreenContent<'_>) {
         let words = Paragraph::new(words).wrap(Wrap { trim: true }).style(level_style(state.level));
         frame.render_widget(words, status);
         draw_detail(frame, detail, state);
-        draw_chart(frame, chart, content.points, state.level == StatusLevel::Silent);
+        draw_chart(frame, chart, content.points, state);
     }
     let keys = "↑ ↓ or 1 to 9 select · space freezes · q ends";
     frame.render_widget(Line::from(keys).add_modifier(Modifier::DIM), foot);
@@ -67,50 +67,116 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, content: &ScreenContent<'_>) {
         frame.render_widget(Line::from("no damper found yet: force_estimate is not published"), area);
         return;
     }
-    let rows = content.states.iter().enumerate().map(|(index, state)| row(state, index == content.selected));
-    let numbers = ["est. N", "meas. N", "resid. N"].map(|name| format!("{name:>8}"));
-    let head = ["damper".into(), "mode".into(), "validity".into()].into_iter().chain(numbers);
-    let head = head.chain([format!("{:>6}", "A"), format!("{:>5}", "Hz")]);
-    let widths = [
-        Constraint::Fill(1),
-        Constraint::Length(9),
-        Constraint::Length(13),
-        Constraint::Length(8),
-        Constraint::Length(8),
-        Constraint::Length(8),
-        Constraint::Length(6),
-        Constraint::Length(5),
-    ];
-    let table = Table::new(rows, widths).column_spacing(1).header(Row::new(head).dim());
-    frame.render_widget(table, area);
+    let longest = content.states.iter().map(|state| state.name.chars().count()).max().unwrap_or(0);
+    let (name_width, columns) = columns(usize::from(area.width), longest);
+    let rows = content
+        .states
+        .iter()
+        .enumerate()
+        .map(|(index, state)| row(state, index == content.selected, name_width, &columns));
+    let head = columns.iter().map(|column| match column.is_number {
+        true => format!("{:>width$}", column.head, width = column.width),
+        false => column.head.to_owned(),
+    });
+    let head = Row::new(std::iter::once("damper".to_owned()).chain(head));
+    let widths = columns.iter().map(|column| Constraint::Length(column.width as u16));
+    let widths = std::iter::once(Constraint::Fill(1)).chain(widths);
+    frame.render_widget(Table::new(rows, widths).column_spacing(1).header(head.dim()), area);
+}
+
+/// A column of the table, beside the name.
+struct Column {
+    head: &'static str,
+    width: usize,
+    is_number: bool,
+    /// Columns with a larger rank are left out first in a narrow terminal.
+    rank: u8,
+    cell: fn(&DamperState, usize) -> Cell<'static>,
+}
+
+/// The columns from left to right.
+const COLUMNS: [Column; 7] = [
+    Column { head: "mode", width: 9, is_number: false, rank: 2, cell: mode_cell },
+    Column { head: "validity", width: 13, is_number: false, rank: 0, cell: validity_cell },
+    Column { head: "est. N", width: 8, is_number: true, rank: 1, cell: estimate_cell },
+    Column { head: "meas. N", width: 8, is_number: true, rank: 5, cell: measured_cell },
+    Column { head: "resid. N", width: 8, is_number: true, rank: 3, cell: residual_cell },
+    Column { head: "A", width: 6, is_number: true, rank: 6, cell: current_cell },
+    Column { head: "Hz", width: 5, is_number: true, rank: 4, cell: rate_cell },
+];
+/// The columns that are always shown have a smaller rank than this.
+const ALWAYS: u8 = 1;
+/// Names of this length are shown in full before any column that is not always shown.
+const NAME: usize = 20;
+
+/// The width of the names, and the columns that fit beside them: names tell dampers apart, so they come before other columns.
+fn columns(width: usize, longest_name: usize) -> (usize, Vec<&'static Column>) {
+    // The mark of the selected damper precedes the name.
+    let wanted = (longest_name.min(NAME) + 1).max("damper".len());
+    let beside = |most: u8| -> Vec<&Column> { COLUMNS.iter().filter(|column| column.rank < most).collect() };
+    let left = |columns: &[&Column]| {
+        width.saturating_sub(columns.iter().map(|column| column.width + 1).sum::<usize>())
+    };
+    let most = (ALWAYS..=COLUMNS.len() as u8).rev().find(|most| left(&beside(*most)) >= wanted);
+    let columns = beside(most.unwrap_or(ALWAYS));
+    (left(&columns), columns)
+}
+
+/// `name` in at most `width` characters. The middle is left out, because dampers of a vehicle often differ only at the end.
+fn shortened(name: &str, width: usize) -> String {
+    let letters: Vec<char> = name.chars().collect();
+    if letters.len() <= width {
+        return name.to_owned();
+    }
+    let Some(kept) = width.checked_sub(1) else { return String::new() };
+    let tail = kept - kept / 3;
+    let part = |letters: &[char]| letters.iter().collect::<String>();
+    format!("{}…{}", part(&letters[..kept / 3]), part(&letters[letters.len() - tail..]))
 }
 
 /// A damper's row. A stale value is replaced by a dash, so that it cannot be mistaken for a current one.
-fn row(state: &DamperState, is_selected: bool) -> Row<'static> {
+fn row(state: &DamperState, is_selected: bool, name_width: usize, columns: &[&Column]) -> Row<'static> {
     let style = level_style(state.level);
-    let estimate = state.estimate.as_ref().filter(|estimate| !estimate.stale).map(|estimate| &estimate.value);
-    let measured = fresh(state.measured.as_ref()).map(|measured| measured.force_n);
-    let residual = fresh(state.residual.as_ref());
-    let alarm = residual.is_some_and(|residual| residual.alarm);
-    let mode = estimate.map_or("-".to_owned(), |estimate| estimate.mode.clone());
-    let validity = match estimate {
-        _ if alarm => Cell::from("ALARM").style(Style::new().fg(Color::Red).bold()),
-        Some(estimate) => Cell::from(estimate.validity.clone()),
-        None => Cell::from("silent"),
-    };
     let mark = if is_selected { "▶" } else { " " };
-    let hz = state.rates_hz.get("force_estimate").copied().unwrap_or(0.0);
-    Row::new([
-        Cell::from(format!("{mark}{}", state.name)),
-        Cell::from(mode.clone()).style(Style::new().fg(mode_colour(&mode))),
-        validity,
-        number(estimate.map(|estimate| estimate.force_n), 8, 1),
-        number(measured, 8, 1),
-        number(residual.map(|residual| residual.residual_n), 8, 1),
-        number(fresh(state.command.as_ref()).map(|command| command.current_a), 6, 3),
-        Cell::from(format!("{hz:5.0}")),
-    ])
-    .style(if is_selected { style.bold() } else { style })
+    let name = Cell::from(format!("{mark}{}", shortened(&state.name, name_width.saturating_sub(1))));
+    let cells = columns.iter().map(|column| (column.cell)(state, column.width));
+    Row::new(std::iter::once(name).chain(cells)).style(if is_selected { style.bold() } else { style })
+}
+
+fn mode_cell(state: &DamperState, _: usize) -> Cell<'static> {
+    let mode =
+        fresh(state.estimate.as_ref()).map_or_else(|| "-".to_owned(), |estimate| estimate.mode.clone());
+    Cell::from(mode.clone()).style(Style::new().fg(mode_colour(&mode)))
+}
+
+fn validity_cell(state: &DamperState, _: usize) -> Cell<'static> {
+    if fresh(state.residual.as_ref()).is_some_and(|residual| residual.alarm) {
+        return Cell::from("ALARM").style(Style::new().fg(Color::Red).bold());
+    }
+    Cell::from(
+        fresh(state.estimate.as_ref())
+            .map_or_else(|| "silent".to_owned(), |estimate| estimate.validity.clone()),
+    )
+}
+
+fn estimate_cell(state: &DamperState, width: usize) -> Cell<'static> {
+    number(fresh(state.estimate.as_ref()).map(|estimate| estimate.force_n), width, 1)
+}
+
+fn measured_cell(state: &DamperState, width: usize) -> Cell<'static> {
+    number(fresh(state.measured.as_ref()).map(|measured| measured.force_n), width, 1)
+}
+
+fn residual_cell(state: &DamperState, width: usize) -> Cell<'static> {
+    number(fresh(state.residual.as_ref()).map(|residual| residual.residual_n), width, 1)
+}
+
+fn current_cell(state: &DamperState, width: usize) -> Cell<'static> {
+    number(fresh(state.command.as_ref()).map(|command| command.current_a), width, 3)
+}
+
+fn rate_cell(state: &DamperState, width: usize) -> Cell<'static> {
+    number(Some(state.rates_hz.get("force_estimate").copied().unwrap_or(0.0)), width, 0)
 }
 
 fn fresh<T>(reading: Option<&Aged<T>>) -> Option<&T> {
@@ -146,7 +212,8 @@ fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &DamperState) {
         lines
             .push(format!("demand {demanded} of {} to {} N, limit {}", ends[0], ends[1], command.limited_by));
     }
-    let now = Paragraph::new(lines.join("\n")).block(Block::bordered().title(" now "));
+    let now =
+        Paragraph::new(lines.join("\n")).wrap(Wrap { trim: true }).block(Block::bordered().title(" now "));
     frame.render_widget(now, left);
     let changes = state
         .changes
@@ -156,7 +223,11 @@ fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &DamperState) {
     frame.render_widget(changes.block(Block::bordered().title(" changes of mode ")), right);
 }
 
-fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&ChartPoints<'_>>, is_silent: bool) {
+fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&ChartPoints<'_>>, state: &DamperState) {
+    // The newest of the drawn points: a node without displacement still publishes, but repeats its last stamp.
+    let drawn = ["estimate", "measured"].iter().filter_map(|line| state.points_age_s.get(line));
+    let age_s = drawn.copied().min_by(f64::total_cmp);
+    let has_stopped = age_s.is_none_or(|age_s| age_s > STALE_S);
     let series = |is_estimate: bool| -> Vec<(f64, f64)> {
         let Some(points) = points else { return Vec::new() };
         if is_estimate {
@@ -171,19 +242,28 @@ fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&ChartPoints<'_>
     let bound = all()
         .filter(|point| end_s - point.0 <= CHART_S && point.1.is_finite())
         .fold(10.0_f64, |bound, point| bound.max(1.1 * point.1.abs()));
-    let colours = if is_silent { [Color::DarkGray; 2] } else { [Color::Gray, Color::Cyan] };
+    let colours = if has_stopped { [Color::DarkGray; 2] } else { [Color::Gray, Color::Cyan] };
     let set = |data, colour| {
         Dataset::default().marker(Marker::Braille).graph_type(GraphType::Scatter).style(colour).data(data)
     };
+    let stopped = age_s.map_or_else(
+        || " no estimate yet; force, N: ".to_owned(),
+        |age_s| format!(" STOPPED {} ago; force before, N: ", damper_state::span(age_s)),
+    );
     let title = Line::from(vec![
-        Span::raw(if is_silent { " force before the silence, N: " } else { " force, N: " }),
+        if has_stopped {
+            Span::styled(stopped, Style::new().fg(Color::Yellow).bold())
+        } else {
+            Span::raw(" force, N: ")
+        },
         Span::styled("• measured  ", colours[0]),
         Span::styled("• estimate ", colours[1]),
     ]);
     let quiet = Style::new().fg(Color::DarkGray);
+    let frame_style = if has_stopped { quiet } else { Style::new() };
     let y_labels = [-bound, 0.0, bound].map(|n| format!("{n:6.0}"));
     let chart = Chart::new(vec![set(&measured, colours[0]), set(&estimate, colours[1])])
-        .block(Block::bordered().title(title))
+        .block(Block::bordered().border_style(frame_style).title(title))
         .legend_position(None)
         .x_axis(
             Axis::default()

@@ -171,6 +171,7 @@ fn values_equal_those_in_the_messages_and_have_ages() {
                     "reason": "newer",
                 }],
                 "rates_hz": {"coil_current": 1.0, "force_estimate": 1.0, "force_residual": 1.0, "mode": 1.0},
+                "points_age_s": {"command": 1.5, "drive": 0.5, "estimate": 1.0, "measured": 0.75, "residual": 0.75},
                 "unreadable": 1,
             }],
         })
@@ -240,6 +241,83 @@ fn charts_continue_from_batch_to_batch_and_restart_when_time_is_set_back() {
     assert_eq!((&start["batch"], &start["schema"]), (&expected!(4), &expected!("mr-damper/serve/1")));
 }
 
+#[test]
+fn a_line_ages_while_a_node_repeats_its_last_stamp() {
+    let mut view = DamperView::new("left");
+    let invalid = |at_s| estimate(at_s, Mode::Fault, Validity::Invalid, Reasons::DISPLACEMENT_LOST);
+    for now_s in [0.0, 0.1, 0.2] {
+        view.take(displacement(now_s, 0.0), now_s);
+        view.take(invalid(now_s), now_s);
+    }
+    for now_s in [1.2, 2.2, 3.2] {
+        view.take(invalid(0.2), now_s);
+    }
+    let state = view.state(3.2);
+    assert_eq!(state.estimate.map(|estimate| estimate.age_s), Some(0.0));
+    assert!((state.points_age_s["estimate"] - 3.0).abs() < 1e-12, "{:?}", state.points_age_s);
+    assert!((state.points_age_s["displacement"] - 3.0).abs() < 1e-12, "{:?}", state.points_age_s);
+    assert!(!state.points_age_s.contains_key("measured"));
+    let mut registry = DamperRegistry::default();
+    registry.add("left");
+    *registry.view("left").expect("it was added") = view;
+    let shown = on_screen(&registry, 3.2, 0, None, (80, 24));
+    assert!(shown.contains("INVALID") && shown.contains("STOPPED 3.0 s ago; force before"), "{shown}");
+}
+
+#[test]
+fn charts_show_motion_drive_and_command_and_the_last_minutes() {
+    let mut registry = DamperRegistry::default();
+    registry.add("left");
+    let command = |at_s| {
+        DamperMessage::Command(CurrentCommand {
+            header: header(at_s),
+            current: 0.5,
+            force_requested: -500.0,
+            force_expected: -450.0,
+            achievable: true,
+            dissipative: true,
+            limited_by: 0,
+            achievable_min: -900.0,
+            achievable_max: -40.0,
+        })
+    };
+    let current = |at_s, current| {
+        DamperMessage::CoilCurrent(CoilCurrent { header: header(at_s), current, variance: 0.0 })
+    };
+    // 1 kHz; one sample of the current, which the points leave out, is a spike.
+    for k in 0..120_000_u32 {
+        let at_s = f64::from(k) * 1e-3;
+        registry.take("left", displacement(at_s, f64::from(k % 4) * 0.25), at_s);
+        registry.take("left", current(at_s, if k == 30_001 { 2.0 } else { 0.25 }), at_s);
+        registry.take("left", command(at_s), at_s);
+    }
+    let start = serde_json::to_value(registry.start(120.0)).expect("JSON");
+    let points = &start["points"][0];
+    assert_eq!(points["zero_ns"], expected!(1_700_000_000_000_000_000_i64));
+    let newest =
+        |series: &str| points[series].as_array().and_then(|all| all.last()).cloned().expect("points");
+    assert_eq!(newest("displacement"), expected!([119.997, 0.25]));
+    assert_eq!(newest("drive"), expected!([119.997, 0.25]));
+    assert_eq!(newest("command"), expected!([119.997, -500.0, -450.0, 0.5]));
+
+    let history = registry.history("left", 29.95).expect("a damper");
+    let json = serde_json::to_value(&history).expect("JSON");
+    assert_eq!(json["bucket_s"], 0.1);
+    assert_eq!((&json["zero_ns"], &json["era"]), (&points["zero_ns"], &expected!(0)));
+    assert_eq!(json["drive"][0], expected!([29.9, 0.25, 0.25]));
+    assert_eq!(json["drive"][1], expected!([30.0, 0.25, 2.0]), "the spike is kept");
+    assert_eq!(json["command"][0], expected!([29.9, -500.0, -500.0, -450.0, -450.0, 0.5, 0.5]));
+    assert_eq!(history.drive.len(), 901);
+    assert_eq!(registry.history("left", f64::NEG_INFINITY).expect("a damper").drive.len(), 1200);
+    assert_eq!(registry.history("nobody", 0.0), None);
+
+    // Volts do not continue a line of amperes.
+    let volts =
+        DamperMessage::CommandVoltage(CommandVoltage { header: header(120.0), voltage: 2.5, variance: 0.0 });
+    registry.take("left", volts, 120.0);
+    assert_eq!(registry.history("left", 0.0).expect("a damper").drive.len(), 1);
+}
+
 fn on_screen(
     registry: &DamperRegistry,
     now_s: f64,
@@ -289,4 +367,52 @@ fn a_terminal_shows_current_values_and_leaves_out_stale_ones() {
     }
     let lines: Vec<String> = registry.snapshot(3.0).dampers.iter().map(screen::line).collect();
     insta::assert_snapshot!(lines.join("\n"));
+}
+
+/// The names and column heads of the table at this width.
+fn table_at(names: &[&str], width: u16) -> Vec<String> {
+    let mut registry = DamperRegistry::default();
+    for name in names {
+        registry.add(name);
+        registry.take(name, estimate(0.0, Mode::ArxCoast, Validity::Extrapolating, Reasons::NONE), 0.0);
+    }
+    let shown = on_screen(&registry, 0.1, 0, None, (width, 40));
+    shown
+        .lines()
+        .skip(1)
+        .take(names.len() + 1)
+        .map(|line| line.trim_matches('"').trim_end().to_owned())
+        .collect()
+}
+
+#[test]
+fn names_tell_dampers_apart_in_a_narrow_terminal() {
+    let corners = ["front_left", "front_right", "rear_left", "rear_right"];
+    assert_eq!(
+        table_at(&corners, 70),
+        [
+            "damper        mode      validity        est. N  meas. N resid. N    Hz",
+            "▶front_left   arx_coast EXTRAPOLATING   -120.5        -        -     1",
+            " front_right  arx_coast EXTRAPOLATING   -120.5        -        -     1",
+            " rear_left    arx_coast EXTRAPOLATING   -120.5        -        -     1",
+            " rear_right   arx_coast EXTRAPOLATING   -120.5        -        -     1",
+        ]
+    );
+    let long = [
+        "depot_3/vehicle_0017/front_left",
+        "depot_3/vehicle_0017/front_right",
+        "depot_3/vehicle_0018/rear_left",
+    ];
+    let rows = table_at(&long, 44);
+    assert_eq!(rows[0], "damper                validity        est. N");
+    assert_eq!(rows[1], "▶depot_…17/front_left EXTRAPOLATING   -120.5");
+    for width in [30, 44, 60, 70, 80, 120] {
+        let rows = table_at(&long, width);
+        let name =
+            |row: &String| row.split(' ').find(|word| !word.is_empty()).map(|word| word.replace('▶', ""));
+        let mut names: Vec<String> = rows[1..].iter().filter_map(name).collect();
+        names.sort();
+        names.dedup();
+        assert_eq!(names.len(), long.len(), "{width} columns: {names:?}");
+    }
 }

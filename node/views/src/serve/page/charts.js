@@ -1,21 +1,21 @@
-// The charts of a damper, each on a canvas: force and residual over time, force over velocity.
+// The charts of a damper, each on a canvas: lines over time, and force over velocity.
 //
-// A trail is a list of points in order of time. A point is a list that begins with its time in seconds; null means unknown and
-// breaks a line. This file does not use the server or the clock: the time at the right edge is an argument.
+// This file does not use the server or the clock: the window of time is an argument. A line with more points than columns of pixels is
+// drawn by the smallest and largest value of each column, so that no spike is lost.
 
-export const SPAN_S = 10;
+import { GAP_S } from "/trails.js";
+
 const LOOP_S = 2;
 /** Number of steps in which a loop fades with age. */
 const FADES = 5;
-/** Points that are further apart than this, in seconds, are not connected. */
-const GAP_S = 0.25;
-const MODES = ["arx", "arx_coast", "model", "hold", "fault"];
-const LEFT = 52, BOTTOM = 20, TOP = 8, RIGHT = 10;
+export const MODES = ["arx", "arx_coast", "model", "hold", "fault"];
+export const LEFT = 52, RIGHT = 10;
+const BOTTOM = 20, TOP = 8;
 
 /** Colours of the style sheet, which follow the light or dark mode. */
 export function colours() {
   const style = getComputedStyle(document.documentElement);
-  const names = ["ink", "soft", "rule", "paper", "measured", "estimate", "residual", "command", "band", ...MODES];
+  const names = ["ink", "soft", "rule", "paper", "measured", "estimate", "estimate-wide", "residual", "command", "motion", "band", "focus", ...MODES];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 
@@ -40,11 +40,11 @@ export class Range {
   }
 
   /** Adapts the range to contain low and high. Infinite values mean that there are no points. */
-  hold(low, high) {
+  hold(low, high, atOnce = false) {
     if (!Number.isFinite(low) || !Number.isFinite(high)) [low, high] = [-this.least, this.least];
     const room = Math.max((high - low) * 0.06, this.least - (high - low) / 2);
     [low, high] = [low - room, high + room];
-    const toward = (from, to, outward) => (from === null || outward ? to : from + (to - from) * 0.03);
+    const toward = (from, to, outward) => (from === null || outward || atOnce ? to : from + (to - from) * 0.03);
     this.low = toward(this.low, low, low < this.low);
     this.high = toward(this.high, high, high > this.high);
     return this;
@@ -63,7 +63,7 @@ function begin(canvas) {
   ctx.setTransform(scale, 0, 0, scale, 0, 0);
   ctx.clearRect(0, 0, width, height);
   ctx.font = "12px system-ui, sans-serif";
-  ctx.lineJoin = "round";
+  ctx.lineJoin = "bevel";
   return { ctx, width, height };
 }
 
@@ -75,11 +75,12 @@ function placing({ width, height }, x, y) {
   };
 }
 
-function axes({ ctx, width, height }, at, x, y, xTicks, ink) {
+function axes({ ctx, width, height }, at, y, xTicks, ink) {
   ctx.lineWidth = 1;
   ctx.textBaseline = "middle";
   ctx.textAlign = "right";
-  for (const [value, text] of ticks(y.low, y.high, Math.max(2, (height - TOP - BOTTOM) / 36))) {
+  const most = (height - TOP - BOTTOM) / 34, coarse = ticks(y.low, y.high, Math.max(2.5, most));
+  for (const [value, text] of coarse.length < 3 ? ticks(y.low, y.high, 5) : coarse) {
     ctx.strokeStyle = Number(text) === 0 ? ink.soft : ink.rule;
     ctx.beginPath();
     ctx.moveTo(LEFT, Math.round(at.y(value)) + 0.5);
@@ -90,7 +91,7 @@ function axes({ ctx, width, height }, at, x, y, xTicks, ink) {
   }
   ctx.textBaseline = "alphabetic";
   for (const [value, text] of xTicks) {
-    ctx.strokeStyle = Number(text) === 0 ? ink.soft : ink.rule;
+    ctx.strokeStyle = ink.rule;
     ctx.beginPath();
     ctx.moveTo(Math.round(at.x(value)) + 0.5, TOP);
     ctx.lineTo(Math.round(at.x(value)) + 0.5, height - BOTTOM);
@@ -102,8 +103,7 @@ function axes({ ctx, width, height }, at, x, y, xTicks, ink) {
 }
 
 /** Draws with clipping to the area within the axes. */
-function within(frame, draw) {
-  const { ctx, width, height } = frame;
+function within({ ctx, width, height }, draw) {
   ctx.save();
   ctx.beginPath();
   ctx.rect(LEFT, TOP, width - LEFT - RIGHT, height - TOP - BOTTOM);
@@ -112,164 +112,241 @@ function within(frame, draw) {
   ctx.restore();
 }
 
-function line(ctx, points, colour, width, gap = GAP_S) {
-  ctx.strokeStyle = colour;
-  ctx.lineWidth = width;
-  ctx.beginPath();
-  let last = null;
-  for (const [t, x, y] of points) {
-    if (y === null || x === null) last = null;
-    else {
-      if (last === null || t - last > gap) ctx.moveTo(x, y);
-      else ctx.lineTo(x, y);
-      last = t;
+// ---- lines with many points
+
+/** Result of `reduce`: time, smallest and largest value of each column of pixels; NaN breaks a line. */
+const T = new Float64Array(16384), LOW = new Float64Array(16384), HIGH = new Float64Array(16384);
+
+/**
+ * Reduces a trail to one entry for each column of pixels between two times, and returns the number of entries. `low` and `high` are
+ * columns of the trail. Columns of pixels are fixed in time, so that a scrolling line does not flicker.
+ */
+function reduce(trail, low, high, from, to, width) {
+  const cell = Math.max(1e-9, (to - from) / Math.max(width, 1)), { points, buckets } = trail, border = trail.border();
+  let n = 0, column = NaN, last = NaN;
+  const add = (t, smallest, largest, gap) => {
+    if (n + 2 > T.length) return;
+    if (t - last > gap) column = T[n++] = NaN;
+    last = t;
+    if (Number.isNaN(smallest) || Number.isNaN(largest)) {
+      column = T[n++] = NaN;
+      return;
     }
+    const own = Math.floor(t / cell);
+    if (own === column) {
+      if (smallest < LOW[n - 1]) LOW[n - 1] = smallest;
+      if (largest > HIGH[n - 1]) HIGH[n - 1] = largest;
+      return;
+    }
+    column = own;
+    [T[n], LOW[n], HIGH[n]] = [t, smallest, largest];
+    n++;
+  };
+  if (from < border) {
+    const end = buckets.find(Math.min(to, border));
+    for (let k = Math.max(buckets.from, buckets.find(from) - 1); k < end; k++) {
+      add(buckets.t[k], buckets.v[2 * low][k], buckets.v[2 * high + 1][k], GAP_S);
+    }
+  }
+  const end = Math.min(points.end, points.find(to) + 1), a = points.v[low], b = points.v[high];
+  for (let k = Math.max(points.from, points.find(from) - 1); k < end; k++) add(points.t[k], a[k], b[k], GAP_S);
+  return n;
+}
+
+/** A long path is drawn in pieces of this many columns: software drawing takes much longer for one path with many edges. */
+const PIECE = 32;
+
+function strokeReduced(ctx, n, at, scale) {
+  ctx.beginPath();
+  let open = false, x = 0, before = 0, edges = 0;
+  for (let k = 0; k < n; k++) {
+    if (Number.isNaN(T[k])) {
+      open = false;
+      continue;
+    }
+    if (open && ++edges % PIECE === 0) {
+      ctx.stroke();
+      ctx.beginPath();
+      ctx.moveTo(x, before);
+    }
+    x = at.x(T[k]);
+    const low = at.y(scale * LOW[k]);
+    if (!open) ctx.moveTo(x, low);
+    if (LOW[k] === HIGH[k]) ctx.lineTo(x, (before = low));
+    else {
+      const high = at.y(scale * HIGH[k]);
+      // The end nearer to the line comes first.
+      const lowFirst = open && Math.abs(before - low) < Math.abs(before - high);
+      ctx.lineTo(x, lowFirst ? low : high);
+      ctx.lineTo(x, (before = lowFirst ? high : low));
+    }
+    open = true;
   }
   ctx.stroke();
 }
 
-/** The points of a trail from the time `from` on, and the one before, so that a line begins at the edge. */
-function recent(trail, from) {
-  let low = 0, high = trail.length;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (trail[middle][0] < from) low = middle + 1;
-    else high = middle;
+/** Fills between the smallest and largest values, as one rectangle for each column of pixels, which is faster than an area. */
+function fillReduced(ctx, n, at) {
+  for (let k = 0; k + 1 < n; k++) {
+    if (Number.isNaN(T[k]) || Number.isNaN(T[k + 1])) continue;
+    const x = Math.round(at.x(T[k])), high = at.y(HIGH[k]);
+    ctx.fillRect(x, high, Math.round(at.x(T[k + 1])) - x, at.y(LOW[k]) - high);
   }
-  return trail.slice(Math.max(0, low - 1));
 }
 
-function extremes(points, ...columns) {
-  let low = Infinity, high = -Infinity;
-  for (const point of points) {
-    for (const column of columns) {
-      const value = point[column];
-      if (value !== null) {
-        if (value < low) low = value;
-        if (value > high) high = value;
-      }
+/** Shades the background by mode, and adds the modes to `seen`. */
+function shadeModes(ctx, n, at, height, ink, seen) {
+  ctx.globalAlpha = 0.55;
+  for (let k = 0; k < n; ) {
+    if (Number.isNaN(T[k])) {
+      k++;
+      continue;
     }
-  }
-  return [low, high];
-}
-
-/** Seconds that a chart of this width shows, and its ticks. A phone shows half as many, so that lines stay distinguishable. */
-function times({ width }) {
-  const span = width < 480 ? SPAN_S / 2 : SPAN_S;
-  const step = span / 5;
-  return [span, [5, 4, 3, 2, 1, 0].map((k) => [-k * step, k === 5 ? `−${span} s` : k ? `−${k * step}` : "0"])];
-}
-
-function shadeModes(ctx, points, at, height, edge, ink) {
-  for (let k = 0; k < points.length; ) {
     let end = k + 1;
-    while (end < points.length && points[end][4] === points[k][4] && points[end][0] - points[end - 1][0] < GAP_S) end++;
-    const until = end < points.length && points[end][0] - points[end - 1][0] < GAP_S ? points[end][0] : points[end - 1][0];
-    ctx.fillStyle = ink[MODES[points[k][4]]] ?? ink.paper;
-    ctx.globalAlpha = 0.55;
-    ctx.fillRect(at.x(points[k][0] - edge), TOP, at.x(until - edge) - at.x(points[k][0] - edge), height - TOP - BOTTOM);
+    while (end < n && !Number.isNaN(T[end]) && HIGH[end] === HIGH[k]) end++;
+    const mode = MODES[HIGH[k]], until = end < n && !Number.isNaN(T[end]) ? T[end] : T[end - 1];
+    seen.add(mode);
+    ctx.fillStyle = ink[mode] ?? ink.paper;
+    ctx.fillRect(at.x(T[k]), TOP, at.x(until) - at.x(T[k]), height - TOP - BOTTOM);
     k = end;
   }
   ctx.globalAlpha = 1;
 }
 
-function area(ctx, points, at, edge, colour) {
-  ctx.fillStyle = colour;
-  let part = [];
-  const close = () => {
-    if (part.length > 1) {
-      ctx.beginPath();
-      for (const [t, , low] of part) ctx.lineTo(at.x(t - edge), at.y(low));
-      for (const [t, , , high] of part.reverse()) ctx.lineTo(at.x(t - edge), at.y(high));
-      ctx.fill();
-    }
-    part = [];
+/** Labels of the time axis: seconds before the end of a window that is followed, and the time itself in one that is held. */
+function timeTicks({ width }, { from, to, live, label }) {
+  const most = Math.max(2, (width - LEFT) / 90);
+  if (!live) return ticks(from, to, most).map(([value, text]) => [value, label ? label(value, to - from) : `${text} s`]);
+  const all = ticks(from - to, 0, most);
+  return all.map(([value, text], k) => [to + value, Number(text) === 0 ? live : k === 0 ? `${text} s` : text]);
+}
+
+/**
+ * Draws lines over time. `spec` has the lines, and optionally a band and the modes as background; `time` is the window with its
+ * cursor. Returns the modes that are seen.
+ */
+export function timeChart(canvas, trails, spec, time, range, ink) {
+  const frame = begin(canvas), { from, to } = time, seen = new Set(), pixels = frame.width - LEFT - RIGHT;
+  let [low, high] = spec.zero ? [0, 0] : [Infinity, -Infinity];
+  const include = (series, scale, ...columns) => {
+    const [a, b] = trails[series].extremes(from, to, ...columns);
+    [low, high] = [Math.min(low, scale * a), Math.max(high, scale * b)];
   };
-  for (const point of points) {
-    if (point[2] === null || point[3] === null || (part.length && point[0] - part.at(-1)[0] > GAP_S)) close();
-    if (point[2] !== null && point[3] !== null) part.push(point);
-  }
-  close();
-}
-
-/** Force over time: measured force, estimate with its band, and the mode as background. */
-export function forceChart(canvas, trails, edge, range, ink) {
-  const frame = begin(canvas);
-  const [span, marks] = times(frame);
-  const estimate = recent(trails.estimate, edge - span), measured = recent(trails.measured, edge - span);
-  const [a, b] = extremes(estimate, 1, 2, 3), [c, d] = extremes(measured, 1);
-  const x = { low: -span, high: 0 }, y = range.hold(Math.min(a, c), Math.max(b, d));
-  const at = placing(frame, x, y);
-  within(frame, (ctx) => shadeModes(ctx, estimate, at, frame.height, edge, ink));
-  axes(frame, at, x, y, marks, ink);
-  const placed = (points) => points.map(([t, value]) => [t, at.x(t - edge), value === null ? null : at.y(value)]);
+  for (const { series, column, scale } of spec.lines) include(series, scale ?? 1, column ?? 0);
+  if (spec.band) include("estimate", 1, 1, 2);
+  const x = { low: from, high: to }, y = range.hold(low, high, !time.live), at = placing(frame, x, y);
+  if (spec.modes) within(frame, (ctx) => shadeModes(ctx, reduce(trails.estimate, 3, 3, from, to, pixels), at, frame.height, ink, seen));
+  axes(frame, at, y, timeTicks(frame, time), ink);
   within(frame, (ctx) => {
-    area(ctx, estimate, at, edge, ink.band);
-    line(ctx, placed(measured), ink.measured, 2.4);
-    line(ctx, placed(estimate), ink.estimate, 1.4);
+    if (spec.band) {
+      ctx.fillStyle = ink.band;
+      fillReduced(ctx, reduce(trails.estimate, 1, 2, from, to, pixels), at);
+    }
+    for (const { series, column, colour, width, scale, dash } of spec.lines) {
+      [ctx.strokeStyle, ctx.lineWidth] = [ink[colour], width];
+      ctx.setLineDash(dash ?? []);
+      // A wide line needs fewer columns.
+      const n = reduce(trails[series], column ?? 0, column ?? 0, from, to, width > 2 ? pixels / 2 : pixels);
+      strokeReduced(ctx, n, at, scale ?? 1);
+    }
+    ctx.setLineDash([]);
+    if (time.selected) {
+      const [begins, ends] = time.selected.map(at.x);
+      [ctx.fillStyle, ctx.globalAlpha] = [ink.focus, 0.18];
+      ctx.fillRect(begins, TOP, ends - begins, frame.height - TOP - BOTTOM);
+      ctx.globalAlpha = 1;
+    }
+    if (time.cursor !== null && time.cursor !== undefined) drawCursor(ctx, frame, at, trails, spec, time.cursor, ink);
   });
+  return seen;
 }
 
-/** The residual over time. */
-export function residualChart(canvas, trails, edge, range, ink) {
-  const frame = begin(canvas);
-  const [span, marks] = times(frame);
-  const residual = recent(trails.residual, edge - span);
-  const [low, high] = extremes(residual, 1);
-  const x = { low: -span, high: 0 }, y = range.hold(Math.min(low, 0), Math.max(high, 0));
-  const at = placing(frame, x, y);
-  axes(frame, at, x, y, marks, ink);
-  const placed = residual.map(([t, value]) => [t, at.x(t - edge), value === null ? null : at.y(value)]);
-  within(frame, (ctx) => line(ctx, placed, ink.residual, 1.4));
+function drawCursor(ctx, frame, at, trails, spec, cursor, ink) {
+  [ctx.strokeStyle, ctx.lineWidth] = [ink.ink, 1];
+  ctx.beginPath();
+  ctx.moveTo(Math.round(at.x(cursor)) + 0.5, TOP);
+  ctx.lineTo(Math.round(at.x(cursor)) + 0.5, frame.height - BOTTOM);
+  ctx.stroke();
+  for (const { series, column, colour, dotColour, scale } of spec.lines) {
+    const value = trails[series].at(cursor)?.[column ?? 0];
+    if (typeof value !== "number" || Number.isNaN(value)) continue;
+    dot(ctx, at.x(cursor), at.y((scale ?? 1) * value), ink[dotColour ?? colour], ink.paper);
+  }
 }
 
-/** Interpolates a trail at the times of `points`. */
-export function paired(points, trail) {
+function dot(ctx, x, y, colour, edge) {
+  ctx.beginPath();
+  ctx.arc(x, y, 4, 0, 2 * Math.PI);
+  [ctx.fillStyle, ctx.strokeStyle, ctx.lineWidth] = [colour, edge, 1.5];
+  ctx.fill();
+  ctx.stroke();
+}
+
+// ---- force over velocity
+
+/** Points `[time, velocity, force]` of a trail, with the velocity interpolated at their times. */
+function paired(points, velocity, from, to) {
   const found = [];
-  let k = 0;
-  for (const [t, value] of points) {
-    while (k + 1 < trail.length && trail[k + 1][0] < t) k++;
-    const [from, to] = [trail[k], trail[k + 1]];
-    const known = from && to && from[0] <= t && t <= to[0] && to[0] - from[0] <= GAP_S && from[1] !== null && to[1] !== null;
-    const share = known ? (t - from[0]) / (to[0] - from[0]) : 0;
-    found.push([t, known ? from[1] + share * (to[1] - from[1]) : null, value]);
+  const end = points.find(to + 1e-9);
+  let k = velocity.from;
+  for (let i = points.find(from); i < end; i++) {
+    const t = points.t[i];
+    while (k + 1 < velocity.end && velocity.t[k + 1] < t) k++;
+    const known = k + 1 < velocity.end && velocity.t[k] <= t && t <= velocity.t[k + 1] && velocity.t[k + 1] - velocity.t[k] <= GAP_S;
+    if (!known) continue;
+    const share = (t - velocity.t[k]) / (velocity.t[k + 1] - velocity.t[k]);
+    const v = velocity.v[0][k] + share * (velocity.v[0][k + 1] - velocity.v[0][k]), force = points.v[0][i];
+    if (!Number.isNaN(v) && !Number.isNaN(force)) found.push([t, v, force]);
   }
   return found;
 }
 
-/** Force over velocity: measured force and estimate. */
-export function loopChart(canvas, trails, edge, ranges, ink) {
-  const frame = begin(canvas);
-  const velocity = recent(trails.velocity, edge - LOOP_S - GAP_S);
-  const of = (trail) => paired(recent(trail, edge - LOOP_S), velocity);
-  const estimate = of(trails.estimate), measured = of(trails.measured);
-  const [a, b] = extremes(estimate, 2), [c, d] = extremes(measured, 2), [slow, fast] = extremes(velocity, 1);
-  const x = ranges.velocity.hold(Math.min(slow, 0), Math.max(fast, 0)), y = ranges.force.hold(Math.min(a, c), Math.max(b, d));
+function strokeLoop(ctx, points, at) {
+  ctx.beginPath();
+  let last = -Infinity;
+  for (const [t, v, force] of points) {
+    if (t - last > GAP_S) ctx.moveTo(at.x(v), at.y(force));
+    else ctx.lineTo(at.x(v), at.y(force));
+    last = t;
+  }
+  ctx.stroke();
+}
+
+/** Force over velocity in the last two seconds of the window, or around the cursor: measured force and estimate. */
+export function loopChart(canvas, trails, time, ranges, ink) {
+  const frame = begin(canvas), ends = time.cursor ?? time.to, begins = ends - LOOP_S;
+  const velocity = trails.velocity.points;
+  const [estimate, measured] = [trails.estimate, trails.measured].map(({ points }) => paired(points, velocity, begins, ends));
+  const extremes = (column) => {
+    let low = Infinity, high = -Infinity;
+    for (const list of [estimate, measured]) for (const point of list) {
+      if (point[column] < low) low = point[column];
+      if (point[column] > high) high = point[column];
+    }
+    return [low, high];
+  };
+  const [slow, fast] = extremes(1), [a, b] = extremes(2);
+  const x = ranges.velocity.hold(Math.min(slow, 0), Math.max(fast, 0), !time.live), y = ranges.force.hold(a, b, !time.live);
   const at = placing(frame, x, y);
-  axes(frame, at, x, y, ticks(x.low, x.high, Math.max(2, frame.width / 90)), ink);
-  const placed = (points) =>
-    points.map(([t, v, f]) => [t, v === null ? null : at.x(v), f === null ? null : at.y(f)]);
-  const paths = [[placed(measured), ink.measured, 2.2], [placed(estimate), ink.estimate, 1.3]];
+  axes(frame, at, y, ticks(x.low, x.high, Math.max(2, frame.width / 90)), ink);
   within(frame, (ctx) => {
     for (let part = 0; part < FADES; part++) {
-      ctx.globalAlpha = (part + 1) / FADES;
-      const from = edge - LOOP_S * (1 - part / FADES), to = from + LOOP_S / FADES;
-      for (const [points, colour, width] of paths) {
-        line(ctx, points.filter(([t]) => t >= from - GAP_S / 10 && t <= to), colour, width);
+      const from = begins + (LOOP_S * part) / FADES, to = from + LOOP_S / FADES, fade = (part + 1) / FADES;
+      for (const [points, colour, width] of [[estimate, ink["estimate-wide"], 3.5], [measured, ink.measured, 1]]) {
+        [ctx.globalAlpha, ctx.strokeStyle, ctx.lineWidth] = [fade, colour, width];
+        strokeLoop(ctx, points.filter(([t]) => t >= from - GAP_S / 10 && t <= to), at);
       }
     }
     ctx.globalAlpha = 1;
-    const newest = placed(estimate).findLast(([, v, f]) => v !== null && f !== null);
-    if (newest) {
-      ctx.fillStyle = ink.estimate;
-      ctx.beginPath();
-      ctx.arc(newest[1], newest[2], 4, 0, 2 * Math.PI);
-      ctx.fill();
+    for (const [points, colour] of [[measured, ink.measured], [estimate, ink.estimate]]) {
+      const newest = points.at(-1);
+      if (newest) dot(ctx, at.x(newest[1]), at.y(newest[2]), colour, ink.paper);
     }
   });
-  if (velocity.length === 0) {
+  if (estimate.length + measured.length === 0) {
     frame.ctx.fillStyle = ink.soft;
     frame.ctx.textAlign = "center";
-    frame.ctx.fillText("no displacement received", (LEFT + frame.width) / 2, frame.height / 2);
+    const why = velocity.length === 0 ? "no displacement received" : "points of this time are not kept: the last minute only";
+    frame.ctx.fillText(why, (LEFT + frame.width) / 2, frame.height / 2);
   }
 }

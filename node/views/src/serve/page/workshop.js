@@ -6,7 +6,7 @@
 const HEADER = "x-mr-damper-token";
 const TOKEN = document.querySelector('meta[name="mr-damper-token"]').content;
 const $ = (id) => document.getElementById(id);
-const shop = { state: null, cards: new Map(), queue: [], sending: null, drawn: {} };
+const shop = { state: null, cards: new Map(), links: new Map(), queue: [], sending: null, drawn: {} };
 
 // ---- words
 
@@ -192,12 +192,14 @@ function hang({ detail: { name, card } }) {
   part.querySelector(".stop").addEventListener("click", () => ask("/closing/cancel", { damper: name }, told));
   card.insertBefore(part, card.querySelector(".rates"));
   shop.cards.set(name, part);
+  shop.links.set(name, card.querySelector(".last-report"));
   showClosing(name, part);
 }
 
 function showClosing(name, part) {
   const state = shop.state;
   if (!state) return;
+  showLastReport(name);
   const closing = state.closings[name], find = (selector) => part.querySelector(selector);
   const own = state.replay?.damper === name;
   const cannot = own ? null : state.no_closing;
@@ -215,6 +217,20 @@ function showClosing(name, part) {
   part.dataset.drawn = drawn;
   find(".found").hidden = !closing?.found;
   find(".found").replaceChildren(...(closing?.found ? found(closing) : []));
+}
+
+/** Links the last report of a damper, also one of an earlier run of the server. */
+function showLastReport(name) {
+  // The server names reports by the damper and the time: newest first.
+  const begin = `${name.replace(/[:/ ]/g, "-")}-`;
+  const of = (report) => report.startsWith(begin) && /^\d{8}T/.test(report.slice(begin.length));
+  const report = shop.state.closings[name]?.report ?? shop.state.reports.find(of);
+  const line = shop.links.get(name), link = line.firstElementChild;
+  line.hidden = !report;
+  if (!report || link.dataset.report === report) return;
+  link.dataset.report = report;
+  link.href = `/reports/${encodeURIComponent(report)}`;
+  put(link, `Last diagnosis: ${report.replace(/\.html$/, "")}`);
 }
 
 function found({ found, report }) {
