@@ -5,8 +5,8 @@ usage: dbc_signals.py SIGNALS FILE.dbc...
 
 Needs the packages of .ci/bus.txt. Each message gets 20 frames of random bytes and full length, in a log as candump writes it; its
 multiplexers get values that the file knows. Values are compared bit by bit: `raw * factor + offset` in double, as cantools computes it.
-Messages that cantools refuses in strict mode (signals that overlap or leave the message) are left out, and so are values that are not finite;
-both are counted. The exit code is 1 if a value differs, or if one of the two gives a value that the other does not.
+Messages that cantools refuses in strict mode (signals that overlap or leave the message) are left out, and so are signals that cantools
+never selects and values that are not finite; all of them are counted. The exit code is 1 if a value differs, or if one of the two gives a value that the other does not.
 """
 
 import math
@@ -73,6 +73,12 @@ def usable(database):
     return good, bad
 
 
+def is_selected(message, signal):
+    """False if cantools never gives the signal a value: its multiplexer is marked with `m` alone, and cantools does not follow it."""
+    multiplexer = signal.multiplexer_signal
+    return multiplexer is None or message.get_signal_by_name(multiplexer).is_multiplexer
+
+
 def compare(program, path, counts, folder):
     """Compares the values of one file; returns descriptions of the differences."""
     chance = random.Random(path.name)
@@ -86,7 +92,9 @@ def compare(program, path, counts, folder):
     counts["messages left out"] += left
     wanted, lines, names, nanos = {}, [], [], 0
     for message in messages:
-        names += [f"{message.name}.{signal.name}" for signal in message.signals]
+        selected = [signal for signal in message.signals if is_selected(message, signal)]
+        counts["signals that cantools never selects"] += len(message.signals) - len(selected)
+        names += [f"{message.name}.{signal.name}" for signal in selected]
         for _ in range(FRAMES):
             data = frame(message, chance)
             try:

@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 use std::io::{BufRead, Write};
 use std::path::{Path, PathBuf};
 
-/// The channels of a run with their SI units, in which the values are those of the signals.
+/// The channels of a run with their SI units, so that no value is converted.
 const CHANNELS: [&str; 8] = [
     "displacement={},unit=m",
     "velocity={},unit=m/s",

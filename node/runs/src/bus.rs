@@ -64,7 +64,7 @@ pub(super) fn load(
     let database = Database::read(&options.dbc)?;
     let file = File::open(path).map_err(RunError::io(path, "open"))?;
     if format == Format::Mdf4 {
-        // Its blocks are read in another order than that of the file.
+        // Its blocks are read in any order, so the hash takes a pass of its own.
         let mut whole = HashingReader::new(&file, hash);
         whole.drain().map_err(RunError::io(path, "read"))?;
         return mdf::load(path, &file, options, &database, notes);

@@ -12,7 +12,8 @@ fuzz_target!(|bytes: &[u8]| {
     let dbc = file("fuzz.dbc", bytes);
     let log = file("frames.log", LOG);
     for source in ["A.P", "P", "B.Q:can0", "Q"] {
-        let map = Map::new(vec![format!("displacement={source},unit=mm").parse().expect("a mapping")]).expect("one");
+        let map = Map::new(vec![format!("displacement={source},unit=mm").parse().expect("a mapping")])
+            .expect("one");
         match load(&log, &LoadOptions { dbc: vec![dbc.clone()], map, ..LoadOptions::default() }) {
             Ok(loaded) => check_run(&loaded.run),
             Err(error @ RunError::Dbc { .. }) => {

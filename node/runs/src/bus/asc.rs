@@ -134,7 +134,7 @@ impl LineReader for Asc {
             }
             Some(bus) if bus.bytes().all(|byte| byte.is_ascii_digit()) => {
                 let (Some(id), Some(direction)) = (words.next(), words.next()) else { return Ok(None) };
-                // Error frames, statistics and transport protocols have no direction here, and requests to send are no frames yet.
+                // Error frames, statistics and transport protocols lack the direction; requests to send precede their frames.
                 if !is_direction(direction) {
                     return Ok(None);
                 }
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn a_bad_line_says_what_is_wrong() {
         for (line, why) in [
-            ("time_s,displacement_m", "is no line of an ASC file"),
+            ("time_s,displacement_m", "is not a line of an ASC file"),
             ("base oct timestamps absolute", "neither hex nor dec"),
             ("9999999999999.0 1 120 Rx d 0", "is not a time"),
             ("0.1 1 Engine Rx d 0", "`Engine` is not an identifier"),

@@ -189,6 +189,9 @@ impl<'a> Parser<'a> {
         for addition in std::mem::take(&mut self.additions) {
             self.add(addition)?;
         }
+        for (message, marks) in self.messages.iter_mut().zip(&self.marks) {
+            keep_named_multiplexers(message, marks);
+        }
         for long in std::mem::take(&mut self.long_names) {
             self.rename(long);
         }
@@ -423,6 +426,20 @@ fn select_by_marks(message: &mut Message, marks: &[Mark]) {
     }
 }
 
+/// Some tools mark a multiplexer with `m` alone. It is always present if the extended statement names it as a multiplexer.
+fn keep_named_multiplexers(message: &mut Message, marks: &[Mark]) {
+    for (at, mark) in marks.iter().enumerate().filter(|(_, mark)| mark.is_selected && mark.value.is_none()) {
+        let is_it =
+            |it: &Signal| matches!(it.presence, Presence::When { multiplexer, .. } if multiplexer == at);
+        if !mark.is_multiplexer
+            && message.signals[at].presence == Presence::Unknown
+            && message.signals.iter().any(is_it)
+        {
+            message.signals[at].presence = Presence::Always;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::signal::{Decoded, decode};
@@ -502,6 +519,12 @@ SG_MUL_VAL_ 288 Coil Page 2-2, 5-7;
         assert_eq!(decode(&signals, 2, &[0x21, 7]), Decoded::Value(7.0));
         assert_eq!(decode(&signals, 2, &[0x22, 7]), Decoded::Absent);
         assert_eq!(signals[3].presence, Presence::Unknown);
+        let text = "BO_ 1 A: 8 X\n SG_ P m : 0|4@1+ (1,0) [0|0] \"\" X\n SG_ Q m1 : 8|8@1+ (1,0) [0|0] \"\" X\n SG_ R m : 8|8@1+ (1,0) \
+                    [0|0] \"\" X\nSG_MUL_VAL_ 1 Q P 1-1;\n";
+        let signals = parse(text).expect("good").remove(0).signals;
+        assert_eq!(decode(&signals, 0, &[2, 7]), Decoded::Value(2.0));
+        assert_eq!(decode(&signals, 1, &[2, 7]), Decoded::Absent);
+        assert_eq!(signals[2].presence, Presence::Unknown);
     }
 
     #[test]
@@ -511,9 +534,9 @@ SG_MUL_VAL_ 288 Coil Page 2-2, 5-7;
             (String::new(), "line 1: no message"),
             (
                 "time_s,displacement_m\n0,1\n".into(),
-                "line 1: begins with `time_s`, which is no statement of a DBC file",
+                "line 1: begins with `time_s`, which is not a statement of a DBC file",
             ),
-            ("\u{7f}ELF".into(), "which is no statement"),
+            ("\u{7f}ELF".into(), "which is not a statement"),
             ("VERSION \"\"\n\nBU_: X\n".into(), "line 4: no message (BO_) in it"),
             ("VERSION \"".into(), "line 1: quotes that are not closed"),
             (" SG_ P : 0|4@1+ (1,0) [0|0] \"\" X\n".into(), "line 1: signal `P` stands before any message"),

@@ -327,7 +327,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The time of a record, ns. It is that of the shortest decimal text of the seconds, as for a table in memory.
+    /// The time of a record, ns. It is read from the shortest decimal text of the seconds, as for a table in memory.
     fn nanos(&self, record: &[u8], index: u64) -> Option<i64> {
         let seconds = match self.time.role {
             Role::VirtualTime => match self.time.conversion {

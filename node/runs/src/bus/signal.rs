@@ -1,8 +1,8 @@
 //! Decodes signals: the bits of a frame's data, and the physical value `raw * factor + offset`.
 //!
 //! Bits are numbered as in DBC files: bit `8 i + j` has the weight `2^j` in byte `i`. An Intel signal begins with its least
-//! significant bit and goes on with the next higher bit number. A Motorola signal begins with its most significant bit and goes
-//! on with the next lower weight, then with the highest weight of the next byte.
+//! significant bit; its further bits have increasing numbers. A Motorola signal begins with its most significant bit; its further
+//! bits have decreasing weights in the same byte, and then in the next byte from the highest weight down.
 
 use std::ops::RangeInclusive;
 
@@ -72,7 +72,7 @@ pub(super) struct Signal {
     pub(super) presence: Presence,
 }
 
-/// What a frame holds of a signal.
+/// Result of reading a signal from a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Decoded {
     Value(f64),

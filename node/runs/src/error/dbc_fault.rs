@@ -14,7 +14,7 @@ pub enum DbcFault {
     },
     /// The file begins with something else.
     #[error(
-        "begins with `{begins}`, which is no statement of a DBC file: give the DBC file of the bus with --dbc"
+        "begins with `{begins}`, which is not a statement of a DBC file: give the DBC file of the bus with --dbc"
     )]
     NotDbc {
         /// The first word.
@@ -45,7 +45,7 @@ pub enum DbcFault {
     Unexpected {
         /// The text in the file.
         found: String,
-        /// What should be there.
+        /// Description of the expected text.
         expected: String,
     },
     /// Quotes are not closed.

@@ -5,7 +5,7 @@
 #[non_exhaustive]
 pub enum LineFault {
     /// The line is longer than any frame.
-    #[error("longer than {most} bytes, so this is no log in text: check the extension of the file")]
+    #[error("longer than {most} bytes, so this is not a log in text: check the extension of the file")]
     Long {
         /// Greatest length that is read, bytes.
         most: u64,
@@ -54,7 +54,7 @@ pub enum LineFault {
     },
     /// The file does not begin like an ASC file.
     #[error(
-        "`{line}` is no line of an ASC file, which begins with `date`, `base hex timestamps absolute` or a comment (//)"
+        "`{line}` is not a line of an ASC file, which begins with `date`, `base hex timestamps absolute` or a comment (//)"
     )]
     Asc {
         /// The line.

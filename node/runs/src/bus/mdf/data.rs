@@ -13,7 +13,7 @@ const UNPACKED: u64 = 32 << 20;
 const PACKED_HEAD: u64 = 24;
 
 /// Passes the bytes of the data at `first` to `take`, in parts. Returns the fault at which they end, if they end early.
-/// With `is_open`, a data block without length goes on to the end of the file.
+/// With `is_open`, a data block without length ends with the file.
 pub(super) fn stream<R: Read + Seek>(
     blocks: &Blocks<'_, R>,
     first: u64,

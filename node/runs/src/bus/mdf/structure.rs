@@ -1,4 +1,4 @@
-//! What an MDF4 file holds: data groups, channel groups with one kind of record each, and channels.
+//! The content of an MDF4 file: data groups, channel groups with one kind of record each, and channels.
 
 use super::blocks::{Block, BlockFault, Blocks, Stop, damaged};
 use super::value::{Conversion, Kind, Place};
@@ -36,7 +36,7 @@ pub(super) struct ChannelGroup {
     pub(super) channels: Vec<Channel>,
 }
 
-/// What a channel is for.
+/// Use of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     Value,
@@ -171,7 +171,7 @@ fn add_channels<R: Read + Seek>(
     Ok(())
 }
 
-/// Number of bytes of an array of bytes; other arrays are no single number, so they are not read.
+/// Number of bytes of an array of bytes; other arrays do not hold a single number, so they are not read.
 fn array_bytes(block: &Block, place: &mut Place) -> Result<usize, Stop> {
     let dimensions = block.u16(2)?;
     let mut count = 1_usize;
@@ -201,7 +201,7 @@ fn channel<R: Read + Seek>(blocks: &Blocks<'_, R>, block: &Block) -> Result<Chan
         4 | 5 => Kind::Float,
         _ => Kind::Other,
     };
-    // A virtual channel has no place in the record, and a master of another kind is no number of interest.
+    // A virtual channel has no place in the record; only a virtual time is computed.
     let number = if matches!(kind, 0 | 2 | 5) || role == Role::VirtualTime || role == Role::Variable {
         number
     } else {

@@ -70,9 +70,9 @@ fn frame_object(index: usize, (nanos, id, data): &Frame) -> Vec<u8> {
         body.extend(id);
         body.extend(data);
         body.resize(16, 0);
-        return object(if index % 2 == 0 { 1 } else { 86 }, *nanos, &body);
+        return object(if index.is_multiple_of(2) { 1 } else { 86 }, *nanos, &body);
     }
-    if index % 2 == 0 {
+    if index.is_multiple_of(2) {
         body.extend([1, 0, 0, 9]);
         body.extend(id);
         body.extend([0, 0, 0, 0, 0, 1, count, 0, 0, 0, 0, 0]);
