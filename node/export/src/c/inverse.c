@@ -49,9 +49,9 @@ static double mrd_rate_max_a_s(const mrd_parameters *p) {
 static void mrd_begin(const mrd_parameters *p, mrd_inverse *s) {
     if (!s->has_begun) {
         s->has_begun = true;
-        s->last_a = p->inverse_safe_a;
-        s->target_a = p->inverse_safe_a;
-        s->fluid_a = p->inverse_safe_a;
+        s->last_a = mrd_clamp(p->inverse_safe_a, 0.0, p->inverse_current_max_a);
+        s->target_a = s->last_a;
+        s->fluid_a = s->last_a;
     }
 }
 
