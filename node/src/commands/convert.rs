@@ -22,8 +22,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// CSV file, rosbag2 directory, or .mcap or .db3 file; bags may be compressed, damaged, or without metadata. Or a log of a
-    /// CAN bus (.mf4, .asc, .blf, candump's .log), with --dbc and --map. Or a
-    /// .fis file, or for a .fis target a model file or preset.
+    /// CAN bus (.mf4, .asc, .blf, candump's .log), with --dbc and --map. Or a .fis file, or for a .fis target a model file or
+    /// preset.
     #[arg(value_name = "IN")]
     pub input: PathBuf,
     /// Target; must not exist.

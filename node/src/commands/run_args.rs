@@ -42,7 +42,7 @@ pub struct RunArgs {
     ///   --map displacement=/joint_states:fl_damper,sign=-1,offset=0.01
     ///   --map measured_force=/wrench:z
     ///   --map 'displacement=Stroke [mm]' --map measured_force=load,unit=kN --map time=t,unit=ms
-    ///   --dbc car.dbc --map displacement=SUSP_FL.Position,sign=-1 --map measured_force=SUSP_FL.Load
+    ///   --dbc car.dbc --map displacement=SUSP_FL.Position --map measured_force=SUSP_FL.Load
     ///
     /// The value is sign * (reading - offset), as for the node's inputs. The offset
     /// is in SI units (m, m/s, N, A, V, C), also if the reading has another unit.
