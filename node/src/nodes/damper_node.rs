@@ -24,7 +24,7 @@ use crate::ros2::participant::{self, Domain, Ros};
 use crate::ros2::rosout::Rosout;
 use crate::settings::config::{Config, RosArgs, rmw, zenoh_config};
 use crate::settings::error::{NodeError, PartError};
-use crate::streams::sink::ros_sink::{EventReceivers, RosSink};
+use crate::streams::sink::ros_sink::{EventReceivers, RosSink, SinkSettings};
 use crate::streams::sink::zenoh::{Damper, Mirror, RmwPresence};
 use crate::streams::source;
 use crate::streams::source::ros_source::RosSource;
@@ -126,10 +126,9 @@ impl DamperNode {
         let (names, clock) = (control.names(), control.clock());
         let deadline = (config.deadline_s > 0.0).then(|| Duration::from_secs_f64(config.deadline_s));
         let frame = Frame::new(&wire::frame_id(&args.namespace()));
-        let (sink_frame, receivers) = (frame.clone(), EventReceivers { commands, reports });
-        let start_sink = || {
-            RosSink::start(&mut ros, args, names, clock, deadline, sink_frame, &config.standard, receivers)
-        };
+        let settings = SinkSettings { deadline, frame: frame.clone(), standard: &config.standard };
+        let receivers = EventReceivers { commands, reports };
+        let start_sink = || RosSink::start(&mut ros, args, names, clock, settings, receivers);
         let ros_sink = realtime::raised(process.priority, start_sink).0?;
         let mut senders = vec![
             commands_sender.waking(ros_sink.commands_thread()),

@@ -87,6 +87,17 @@ pub struct EventReceivers {
     pub reports: EventReceiver,
 }
 
+/// How the sink publishes.
+pub struct SinkSettings<'a> {
+    /// `deadline_s`, if set. Estimates older than it are published and counted; commands older than it ([`COMMAND_AGE`] when it is
+    /// `None`) are dropped and counted.
+    pub deadline: Option<Duration>,
+    /// Frame of the outputs.
+    pub frame: Frame,
+    /// Standard messages to publish, too.
+    pub standard: &'a StandardSettings,
+}
+
 /// The running sink.
 pub struct RosSink {
     commands: Worker,
@@ -95,8 +106,7 @@ pub struct RosSink {
 }
 
 impl RosSink {
-    /// Creates the publishers and starts the threads. Estimates older than `deadline` are published and counted; commands
-    /// older than `deadline` ([`COMMAND_AGE`] when it is `None`) are dropped and counted.
+    /// Creates the publishers and starts the threads.
     ///
     /// # Errors
     /// When a topic cannot be published or a thread cannot be started.
@@ -105,11 +115,10 @@ impl RosSink {
         args: &RosArgs,
         names: SharedNames,
         clock: Arc<Clock>,
-        deadline: Option<Duration>,
-        frame: Frame,
-        standard: &StandardSettings,
+        settings: SinkSettings<'_>,
         receivers: EventReceivers,
     ) -> Result<Self, NodeError> {
+        let SinkSettings { deadline, frame, standard } = settings;
         let counters = Arc::new(RosSinkCounters::default());
         let shared = Shared { clock, deadline, frame, counters: Arc::clone(&counters) };
         let commands = Commands {
