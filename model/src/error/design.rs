@@ -3,6 +3,40 @@
 use serde::Serialize;
 use thiserror::Error;
 
+/// Source of the noise that a design assumes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoiseSource {
+    /// Given by the user.
+    Given,
+    /// The error of the model in simulation on its training runs.
+    Model,
+    /// 1 % of the force on the road, root mean square.
+    Assumed,
+}
+
+impl NoiseSource {
+    /// Name in JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Given => "given",
+            Self::Model => "model",
+            Self::Assumed => "assumed",
+        }
+    }
+
+    /// The source in words.
+    #[must_use]
+    pub const fn in_words(self) -> &'static str {
+        match self {
+            Self::Given => "as given",
+            Self::Model => "the error of the model on its training runs",
+            Self::Assumed => "1 % of the force, because the model file has no error",
+        }
+    }
+}
+
 /// Reasons why no run can be designed.
 #[derive(Debug, Clone, PartialEq, Error, Serialize)]
 #[serde(tag = "code", rename_all = "snake_case")]
@@ -91,8 +125,8 @@ pub enum DesignError {
     /// No run within the limits separates the effects.
     #[error(
         "no run of {duration_s} s within these limits separates {truth} from {}: after a refit of the model, their forces differ by {distance_n:.2} N \
-         (root mean square), and {needed_n:.2} N are needed at a noise of {noise_n:.2} N ({noise_source}){}; what separates {truth}: {excitation}",
-        rival.unwrap_or("a model without it"), helps.map(|helps| format!(". It would help to {helps}")).unwrap_or_default()
+         (root mean square), and {needed_n:.2} N are needed at a noise of {noise_n:.2} N ({}){}; what separates {truth}: {excitation}",
+        rival.unwrap_or("a model without it"), noise_source.in_words(), helps.map(|helps| format!(". It would help to {helps}")).unwrap_or_default()
     )]
     NotSeparable {
         /// Duration of the run, s.
@@ -107,8 +141,8 @@ pub enum DesignError {
         needed_n: f64,
         /// Noise and misfit, root mean square, N.
         noise_n: f64,
-        /// Where that comes from, in words.
-        noise_source: &'static str,
+        /// Where that comes from.
+        noise_source: NoiseSource,
         /// The excitation that separates the effect from others.
         excitation: &'static str,
         /// The change of a limit that helps most; `None` if none helps.

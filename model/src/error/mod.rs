@@ -30,7 +30,7 @@ mod pipeline;
 mod rig;
 
 pub use calibration::CalibrationError;
-pub use design::DesignError;
+pub use design::{DesignError, NoiseSource};
 pub use diagnosis::DiagnosisError;
 pub use fis::{FisProblem, RuleProblem};
 pub use force::ForceError;

@@ -178,7 +178,7 @@ impl Task<'_> {
             distance_n,
             needed_n: by_noise_n.max(by_share_n),
             noise_n: found.noise_n,
-            noise_source: found.noise_source.in_words(),
+            noise_source: found.noise_source,
             excitation: effect.separated_by(),
             helps: helps.map(|(what, _)| what),
         })

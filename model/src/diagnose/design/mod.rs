@@ -42,9 +42,9 @@ mod search;
 mod segment;
 mod task;
 
-pub use crate::error::DesignError;
+pub use crate::error::{DesignError, NoiseSource};
 pub use limits::Limits;
-pub use outcome::{Design, NoiseSource, Pair, PlannedSegment, Reached, Separation};
+pub use outcome::{Design, Pair, PlannedSegment, Reached, Separation};
 pub use question::Question;
 
 use crate::error::Error;

@@ -1,5 +1,6 @@
 //! The result of a design: how well the run separates each pair of rivals.
 
+use super::NoiseSource;
 use super::criterion::Squares;
 use super::search::discrimination;
 use crate::effect::EffectModel;
@@ -10,39 +11,6 @@ use statrs::distribution::{ContinuousCDF, Normal};
 pub(super) const LEAST_SHARE: f64 = 0.1;
 /// Expected discrimination at a probability of 95 %.
 pub(super) const Z_95: f64 = 1.644_853_627;
-
-/// Source of the noise.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoiseSource {
-    /// Given by the user.
-    Given,
-    /// The error of the model in simulation on its training runs.
-    Model,
-    /// 1 % of the force on the road, root mean square.
-    Assumed,
-}
-
-impl NoiseSource {
-    /// Name in JSON.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Given => "given",
-            Self::Model => "model",
-            Self::Assumed => "assumed",
-        }
-    }
-
-    /// The source in words.
-    #[must_use]
-    pub const fn in_words(self) -> &'static str {
-        match self {
-            Self::Given => "as given",
-            Self::Model => "the error of the model on its training runs",
-            Self::Assumed => "1 % of the force, because the model file has no error",
-        }
-    }
-}
 
 /// How well a run tells an effect from its rival.
 #[derive(Debug, Clone, Copy, PartialEq)]
