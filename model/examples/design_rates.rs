@@ -14,13 +14,14 @@
 //! ```
 //!
 //! A case has a damper with one effect. The base is identified on an earlier run of that damper, and a diagnosis of two earlier runs follows,
-//! with the whole library. If it names a class with more than one effect, that class is the question. If it names nothing, the effects that it
-//! could neither show nor exclude are no question here: only confounded effects count. The design gets the model
-//! file of that diagnosis, its noise floor and the question. The rig plays the
-//! designed run once. The next diagnosis has the first two thirds of it as training run beside the earlier one, and the last third as validation run.
-//! "Road" is the same with a road within the same limits. A case is right if the diagnosis names exactly one effect, the true one, and its class has
-//! no other member. It is separated if the effect is named and no rival of the question is in its class. "Wrong" counts cases in which an effect is named
-//! whose class does not hold the true one. A design that refuses, because it expects that no run separates the rivals, is counted by itself.
+//! with the whole library. If it names a class with more than one effect, that class is the question. If it names nothing, the effects that
+//! it could neither show nor exclude are no question here: only confounded effects count. The design gets the model file of that diagnosis,
+//! its noise floor and the question. The rig plays the designed run once. The next diagnosis has the first two thirds of it as training run
+//! beside the earlier one, and the last third as validation run. "Road" is the same with a road within the same limits.
+//!
+//! A case is right if the diagnosis names exactly one effect, the true one, and its class has no other member. It is separated if the effect
+//! is named and no rival of the question is in its class. "Wrong" counts cases in which an effect is named whose class does not hold the true
+//! one. A design that refuses, because it expects that no run separates the rivals, is counted by itself.
 
 #[path = "../tests/all/diagnosis/mod.rs"]
 mod diagnosis;

@@ -14,17 +14,17 @@
 //! | n | independent samples: ten a second of motion |
 //! | T | time in which the damper moves, s |
 //!
-//! The criterion is the distance of the predictions, not the precision of a parameter ([`criterion`]). In the refit, the rival may change
+//! The criterion (`criterion.rs`) is the distance of the predictions, not the precision of a parameter. In the refit, the rival may change
 //! its own numbers, the coefficients of the base, the parameters of all effects that the model has, and the force offset. The distance
 //! follows from exact derivatives; at the end, true refits of the rivals check it, and the smaller of both counts.
 //!
-//! The run is a sequence of segments from a library ([`segment`]): strokes at constant speed, bursts of a sine, sweeps and random motion,
-//! around the middle or to a side, each with a course of the drive. All of them start and end at rest. The search ([`search`]) chooses the
-//! segments, and random motion over the whole run competes with them. The run has three parts with the same segments, the second one mirrored. The first two serve a diagnosis as training
-//! run and the last one as validation run: see [`Design::split_s`].
+//! The run is a sequence of segments from a library (`segment.rs`): strokes at constant speed, bursts of a sine, sweeps and random motion,
+//! around the middle or to a side, each with a course of the drive. All of them start and end at rest. The search (`search.rs`) chooses the
+//! segments, and random motion over the whole run competes with them. The run has three parts with the same segments, the second one
+//! mirrored. The first two serve a diagnosis as training run and the last one as validation run: see [`Design::split_s`].
 //!
-//! The diagnosis leaves rows at rest out (under 5 % of the peak speed), and so does the design. It therefore searches three times, within the
-//! limit of speed and within 30 and 10 % of it: slow motion counts only in a slow run.
+//! The diagnosis leaves rows at rest out (under 5 % of the peak speed), and so does the design. It therefore searches three times, within
+//! the limit of speed and within 30 and 10 % of it: slow motion counts only in a slow run.
 //!
 //! Source: `[atkinson1975]` in the bibliography (node/docs/guide/bibliography.md).
 
