@@ -8,6 +8,7 @@ that is neither valid nor degraded), and the joint. Numbers without a stamp are 
 
 import argparse
 import math
+import threading
 import time
 
 import rclpy
@@ -58,6 +59,8 @@ def main():
         node.count_publishers(topic) > 0 for topic in OUTPUTS
     )
     wait_until(there, executor, 20.0, "the node does not have all topics")
+    # Messages are taken while others are sent: six of them answer each displacement.
+    threading.Thread(target=executor.spin, daemon=True).start()
     time.sleep(0.3)
     end = time.monotonic() + args.seconds
     while time.monotonic() < end:
@@ -70,11 +73,10 @@ def main():
         }
         for topic, publisher in publishers.items():
             publisher.publish(message(topic, ns, values[topic]))
-        executor.spin_once(timeout_sec=PERIOD)
+        time.sleep(PERIOD)
     # What is still on its way.
-    end = time.monotonic() + 1.0
-    while time.monotonic() < end:
-        executor.spin_once(timeout_sec=0.01)
+    time.sleep(1.0)
+    executor.shutdown()
     estimates = {to_ns(e.header.stamp): e for e in heard["force_estimate"]}
     wrenches = [m for m in heard["force_estimate_wrench"] if to_ns(m.header.stamp) in estimates]
     joints = [m for m in heard["force_estimate_joint_state"] if to_ns(m.header.stamp) in estimates]
@@ -98,7 +100,6 @@ def main():
             "joint": joints[0].name[0] if joints else "",
         }
     )
-    executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
 
