@@ -60,7 +60,14 @@ def main():
     )
     wait_until(there, executor, 20.0, "the node does not have all topics")
     # Messages are taken while others are sent: six of them answer each displacement.
-    threading.Thread(target=executor.spin, daemon=True).start()
+    ended = threading.Event()
+
+    def read():
+        while not ended.is_set():
+            executor.spin_once(timeout_sec=0.02)
+
+    reader = threading.Thread(target=read)
+    reader.start()
     time.sleep(0.3)
     end = time.monotonic() + args.seconds
     while time.monotonic() < end:
@@ -76,7 +83,8 @@ def main():
         time.sleep(PERIOD)
     # What is still on its way.
     time.sleep(1.0)
-    executor.shutdown()
+    ended.set()
+    reader.join()
     # A held estimate has the stamp of the one before it.
     at = {}
     for estimate in heard["force_estimate"]:
@@ -103,6 +111,7 @@ def main():
             "joint": joints[0].name[0] if joints else "",
         }
     )
+    executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
 
