@@ -306,22 +306,26 @@ fn attributes(variable: &Variable, unit: Option<&FmuUnit>) -> String {
     text
 }
 
+/// The attributes that a variable has in both versions of the standard, without its unit, range and start.
+fn identity(variable: &Variable) -> String {
+    let initial = variable.initial().map_or(String::new(), |initial| format!(" initial=\"{initial}\""));
+    format!(
+        "name=\"{}\" valueReference=\"{}\" causality=\"{}\" variability=\"{}\"{initial} description=\"{}\"",
+        escaped(&variable.name),
+        variable.reference,
+        variable.causality,
+        variable.variability(),
+        escaped(&variable.about)
+    )
+}
+
 fn variable_3(variable: &Variable, unit: Option<&FmuUnit>) -> String {
     let kind = match variable.kind {
         Kind::Number => "Float64",
         Kind::Flags => "UInt32",
         Kind::Truth => "Boolean",
     };
-    let initial = variable.initial().map_or(String::new(), |initial| format!(" initial=\"{initial}\""));
-    let head = format!(
-        "    <{kind} name=\"{}\" valueReference=\"{}\" causality=\"{}\" variability=\"{}\"{initial} description=\"{}\"{}",
-        escaped(&variable.name),
-        variable.reference,
-        variable.causality,
-        variable.variability(),
-        escaped(&variable.about),
-        attributes(variable, unit)
-    );
+    let head = format!("    <{kind} {}{}", identity(variable), attributes(variable, unit));
     let dimension = |n: usize| format!("<Dimension start=\"{n}\"/>");
     match variable.shape {
         Shape::Scalar => format!("{head}/>\n"),
@@ -336,16 +340,8 @@ fn variable_2(variable: &Variable, unit: Option<&FmuUnit>) -> String {
         Kind::Flags => "Integer",
         Kind::Truth => "Boolean",
     };
-    let initial = variable.initial().map_or(String::new(), |initial| format!(" initial=\"{initial}\""));
-    format!(
-        "    <ScalarVariable name=\"{}\" valueReference=\"{}\" causality=\"{}\" variability=\"{}\"{initial} description=\"{}\"><{kind}{}/></ScalarVariable>\n",
-        escaped(&variable.name),
-        variable.reference,
-        variable.causality,
-        variable.variability(),
-        escaped(&variable.about),
-        attributes(variable, unit)
-    )
+    let (identity, attributes) = (identity(variable), attributes(variable, unit));
+    format!("    <ScalarVariable {identity}><{kind}{attributes}/></ScalarVariable>\n")
 }
 
 /// `sources/buildDescription.xml` of FMI 3.0.
