@@ -34,6 +34,7 @@ from peer_common import (
 )
 from ros_common import TYPES, full_names, message, qos, to_ns, wait_until
 
+QUEUE = 4000  # all messages of a run: on a loaded machine this process reads them late, and a shorter queue drops the oldest
 SERVICE_TIMEOUT = 10.0  # a first call to a ros2-client server can take 3 s
 
 
@@ -65,7 +66,7 @@ class Peer:
         self.publishers = {t: self.node.create_publisher(TYPES[t], t, qos(100)) for t in self.inputs}
         self.received = {topic: [] for topic in self.outputs}
         for topic in self.outputs:
-            self.node.create_subscription(TYPES[topic], topic, self.received[topic].append, qos(1000))
+            self.node.create_subscription(TYPES[topic], topic, self.received[topic].append, qos(QUEUE))
         self.diagnostics = []
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, qos(10))
         self.sent = {topic: [] for topic in self.inputs}
@@ -89,21 +90,23 @@ class Peer:
 
     def send(self):
         """Sends the run: current and force before the displacement that triggers the node's step."""
-        # The peer discovers the node's reader shortly before the node discovers this writer; volatile
-        # writers drop samples sent in between. So displacements are sent until the first answer arrives.
+        # The peer discovers the node's readers shortly before the node discovers these writers; volatile
+        # writers drop samples sent in between. So inputs are sent until each of them was answered.
+        awaited = [topic for topic in ("force_estimate", "force_residual") if topic in self.outputs]
         knocks = 0
-        while not self.received["force_estimate"]:
+        while not all(self.received[topic] for topic in awaited):
             if knocks == 200:
-                fail("no force_estimate came back for 200 displacements in 10 s")
+                seen = {topic: len(self.received[topic]) for topic in awaited}
+                fail(f"200 samples of each input in 10 s did not bring an answer on each topic: {seen}")
             ns = time.time_ns()
-            for topic in ("coil_current", "displacement"):
+            for topic in ("coil_current", "measured_force", "displacement"):
                 if topic in self.inputs:
                     self.publishers[topic].publish(message(topic, ns, 0.0))
             knocks += 1
             self.executor.spin_once(timeout_sec=0.05)
         self.spin_for(0.3)
-        for messages in self.received.values():
-            messages.clear()
+        for topic in awaited:
+            self.received[topic].clear()
 
         pace = Pace(self.args.rate)
         self.counted_from = pace.first_ns + round(WARM_UP * 1e9)

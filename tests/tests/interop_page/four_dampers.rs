@@ -3,7 +3,7 @@
 use super::{PAGE, browser, look, run};
 use crate::PEER;
 use crate::interop_files::utf8;
-use crate::interop_support::gate::{Outcome, interop};
+use crate::interop_support::gate::{Outcome, interop_alone};
 use crate::interop_support::json::{found, text, texts, truth};
 use crate::interop_support::process::{Program, script};
 use crate::interop_support::{Lab, PRESET};
@@ -59,7 +59,7 @@ fn walk(lab: &Lab, what: &str, browser: &Path, arguments: &[&str]) -> Value {
 #[test]
 #[ignore = "needs Chromium"]
 fn the_keyboard_reaches_four_dampers_that_fit_a_screen() {
-    interop("four dampers in a browser", |lab| {
+    interop_alone("four dampers in a browser", |lab| {
         let Some(browser) = browser() else {
             return Outcome::Missing("no Chromium is on PATH".to_owned());
         };
@@ -157,7 +157,7 @@ fn axe() -> PathBuf {
 #[test]
 #[ignore = "needs Chromium and axe-core"]
 fn axe_finds_no_serious_fault() {
-    interop("accessibility of the live page", |lab| {
+    interop_alone("accessibility of the live page", |lab| {
         let Some(browser) = browser() else {
             return Outcome::Missing("no Chromium is on PATH".to_owned());
         };
