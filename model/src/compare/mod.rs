@@ -25,10 +25,12 @@
 //! relation cannot run and has figures of a third kind, because its input is the force that it explains.
 
 mod design;
+mod inverse;
 mod rank;
 mod summary;
 
 pub use design::{ALL_FOLDS, Level, levels, over_folds, with_folds};
+pub use inverse::{CurrentFigure, FinishedInverse, InverseRow, InverseTest, run_inverse};
 pub use rank::{BoxPlot, kendall_tau};
 pub use summary::{Class, Row, Summary};
 
@@ -235,7 +237,7 @@ pub fn run(
         one_step: found.one_step,
     };
     finished.identification = figures(&model, Ok(scores));
-    for (tested, replicate) in tests(cell, experiments) {
+    for (tested, replicate) in tests_of(cell.experiment, experiments) {
         let scored = match identify::score(&model.augmented(), &replicate.data, watch) {
             Err(Error::Cancelled) => return Err(Error::Cancelled),
             scored => scored,
@@ -263,11 +265,11 @@ impl Experiment {
     }
 }
 
-/// All runs that the cell's model is not identified on, and their experiments.
-fn tests(cell: Cell, experiments: &[Experiment]) -> impl Iterator<Item = (&Experiment, &Replicate)> {
-    let own = &experiments[cell.experiment];
+/// All runs that a model of the experiment `index` is not identified on, and their experiments.
+fn tests_of(index: usize, experiments: &[Experiment]) -> impl Iterator<Item = (&Experiment, &Replicate)> {
+    let own = &experiments[index];
     experiments.iter().enumerate().flat_map(move |(e, experiment)| {
-        let skipped = if e == cell.experiment { experiment.training } else { 0 };
+        let skipped = if e == index { experiment.training } else { 0 };
         let runs = experiment.replicates.iter().enumerate().skip(skipped);
         let is_tested = move |r: usize| !own.is_fold() || own.held_out.contains(&(e, r));
         runs.filter(move |(r, _)| is_tested(*r)).map(move |(_, replicate)| (experiment, replicate))
@@ -315,7 +317,7 @@ fn phase_cell(
     };
     finished.parameters = Some(found.phase.parameter_count());
     finished.identification = vec![figure(Some(found.same_instant), None)];
-    for (tested, replicate) in tests(cell, experiments) {
+    for (tested, replicate) in tests_of(cell.experiment, experiments) {
         if watch.is_cancelled() {
             return Err(Error::Cancelled);
         }

@@ -40,6 +40,13 @@ pub struct CurrentFit {
     pub samples: u64,
 }
 
+impl CurrentFit {
+    /// The error of a sum of currents; `None` for an empty sum.
+    pub(crate) fn of(errors: &ErrorSum) -> Option<Self> {
+        errors.fit().map(|fit| Self { rmse_a: fit.rsse_n, nmse: fit.esr, samples: fit.samples })
+    }
+}
+
 /// An identified inverse model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IdentifiedInverse {
@@ -83,11 +90,26 @@ pub fn identify_inverse(
     options: &Options,
     watch: &Watch,
 ) -> Result<IdentifiedInverse, Error> {
+    check_current(kind, &found.model)?;
+    let datasets = super::datasets(runs, &found.model.conditioning, options, watch)?;
+    identify_inverse_datasets(kind, found, &datasets, options, watch)
+}
+
+/// Like [`identify_inverse`], from the conditioned rows of the runs.
+///
+/// # Errors
+/// As [`identify_inverse`].
+pub(crate) fn identify_inverse_datasets(
+    kind: InverseKind,
+    found: &Identified,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<IdentifiedInverse, Error> {
     let model = &found.model;
     check_current(kind, model)?;
-    let datasets = super::datasets(runs, &model.conditioning, options, watch)?;
     let offsets_n: Vec<f64> = found.runs.iter().map(|run| run.force_offset_n).collect();
-    let current = normalisation(&datasets, |_, row| row.drive);
+    let current = normalisation(datasets, |_, row| row.drive);
     if is_constant(&current) {
         let drive = DriveKind::CoilCurrent;
         return Err(IdentifyError::ConstantDrive { drive, value: current.mean }.into());
@@ -95,8 +117,8 @@ pub fn identify_inverse(
     let inverse = match kind.network() {
         Some(structure) => {
             // Checked before the runs become one data set.
-            regression::common_rate(&datasets, kind.name())?;
-            let exchanged = [exchanged(&datasets, &offsets_n)];
+            regression::common_rate(datasets, kind.name())?;
+            let exchanged = [exchanged(datasets, &offsets_n)];
             let mean_a = normalisation(&exchanged, |_, row| row.force_n).mean;
             let drive = Some(DriveKind::CoilCurrent);
             let restarts = options.restarts.div_ceil(network::RESTARTS_PER_RESTART);
@@ -106,7 +128,7 @@ pub fn identify_inverse(
             InverseNetwork::of_exchanged(fitted.model).map(InverseModel::Network)
         }
         None => {
-            let exchanged = [exchanged(&datasets, &offsets_n)];
+            let exchanged = [exchanged(datasets, &offsets_n)];
             let drive = Some(DriveKind::CoilCurrent);
             let fitted = fit_tsk(&exchanged, TskKind::WangHu, drive, &TskOptions::of(options, None), watch)?;
             InverseFuzzy::of_exchanged(&fitted.model)?.map(InverseModel::Fuzzy)
@@ -116,9 +138,9 @@ pub fn identify_inverse(
     let inverse = inverse.ok_or(IdentifyError::NoFiniteError)?;
     let mut errors = ErrorSum::default();
     for (dataset, offset_n) in datasets.iter().zip(&offsets_n) {
-        simulate(&inverse, dataset, *offset_n, &mut errors);
+        simulate_inverse(&inverse, dataset, *offset_n, &mut errors);
     }
-    let training = current_fit(&errors);
+    let training = CurrentFit::of(&errors);
     let warnings = warnings(kind, model, training);
     Ok(IdentifiedInverse { model: inverse, training, warnings })
 }
@@ -150,9 +172,9 @@ pub fn score_inverse(
             }
         }
         let dataset = Dataset::from_run(run, &model.conditioning, options)?;
-        simulate(inverse, &dataset, model.force.force_offset_n(), &mut errors);
+        simulate_inverse(inverse, &dataset, model.force.force_offset_n(), &mut errors);
     }
-    Ok(current_fit(&errors))
+    Ok(CurrentFit::of(&errors))
 }
 
 /// Refuses a force model whose input is not a current.
@@ -168,8 +190,8 @@ fn check_current(kind: InverseKind, model: &Model) -> Result<(), Error> {
     }
 }
 
-/// True for a row that an inverse can learn from.
-fn teaches(row: &Row) -> bool {
+/// True for a row whose force shows the current: it counts, and is fast enough.
+pub(crate) fn shows_current(row: &Row) -> bool {
     row.counts && row.drive.is_finite() && row.velocity_m_s.abs() >= Limits::default().hold_m_s
 }
 
@@ -182,7 +204,7 @@ fn exchanged(datasets: &[Dataset], offsets_n: &[f64]) -> Dataset {
             drive: row.raw_force_n - offset_n,
             force_n: row.drive,
             raw_force_n: row.drive,
-            counts: teaches(row),
+            counts: shows_current(row),
             ..*row
         }));
         if let Some(first) = rows.get_mut(first) {
@@ -194,19 +216,20 @@ fn exchanged(datasets: &[Dataset], offsets_n: &[f64]) -> Dataset {
 
 /// Adds the errors of `inverse` along a run whose force has the offset `offset_n`. The history starts with recorded currents; after that
 /// the model's own current is fed back.
-fn simulate(inverse: &InverseModel, dataset: &Dataset, offset_n: f64, errors: &mut ErrorSum) {
+pub(crate) fn simulate_inverse(
+    inverse: &InverseModel,
+    dataset: &Dataset,
+    offset_n: f64,
+    errors: &mut ErrorSum,
+) {
     let mut state = InverseState::default();
     for row in &dataset.rows {
         let found_a = inverse.step(&mut state, &row.inputs(), row.raw_force_n - offset_n);
         state.feed(found_a.unwrap_or(row.drive));
-        if let Some(found_a) = found_a.filter(|_| teaches(row)) {
+        if let Some(found_a) = found_a.filter(|_| shows_current(row)) {
             errors.add(row.drive, found_a);
         }
     }
-}
-
-fn current_fit(errors: &ErrorSum) -> Option<CurrentFit> {
-    errors.fit().map(|fit| CurrentFit { rmse_a: fit.rsse_n, nmse: fit.esr, samples: fit.samples })
 }
 
 /// Warnings about an inverse model that is of no use, or that the controller will refuse with this force model.

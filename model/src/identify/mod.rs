@@ -73,6 +73,7 @@ mod watch;
 pub use crate::force::Form;
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use inverse::{CurrentFit, IdentifiedInverse, identify_inverse, score_inverse};
+pub(crate) use inverse::{identify_inverse_datasets, shows_current, simulate_inverse};
 pub use levels::{MembershipSource, Memberships};
 pub use options::{Loss, Options, Placement};
 pub use phase::{IdentifiedPhase, PhaseOptions, explained_n, identify_phase, score_phase};

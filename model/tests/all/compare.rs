@@ -1,16 +1,19 @@
 //! Comparison of models on short runs of the rig.
 
+use crate::identify_support::{self, Recipe, tanh_function};
 use mr_damper_model::Error;
 use mr_damper_model::compare::{
-    Cell, Experiment, Finished, Predictor, Replicate, Summary, cells, persistence, run,
+    Cell, Experiment, Finished, InverseRow, Predictor, Replicate, Summary, cells, persistence, run,
+    run_inverse,
 };
-use mr_damper_model::condition::Conditioning;
-use mr_damper_model::force::{Arx, ForceModel};
+use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
+use mr_damper_model::force::{Arx, ForceModel, FuzzySets, FuzzyTanh, Membership};
 use mr_damper_model::identify::{
     Dataset, DatasetOptions, Form, ModelSpec, Options, Structure, Watch, identify, identify_datasets, score,
 };
+use mr_damper_model::inverse::Method;
 use mr_damper_model::rig::{self, Channels, Plant};
-use mr_damper_model::sample::Run;
+use mr_damper_model::sample::{DriveKind, Run};
 use mr_damper_model::units::Second;
 use rayon::prelude::*;
 use std::sync::atomic::AtomicBool;
@@ -195,4 +198,71 @@ fn the_phase_relation_has_same_instant_figures_and_gives_no_model() {
             identify(spec, &[recorded("RP-ICPS", 1)], &options(), &Watch::none()).expect_err("no model");
         assert!(error.to_string().contains("cannot be made into a model that runs"), "{error}");
     }
+}
+
+const MEASURED: Conditioning = Conditioning {
+    apply_to: ApplyTo::None,
+    cutoff_hz: 20.0,
+    velocity: VelocitySource::Measured,
+    slope_window_s: 0.01,
+};
+
+/// Runs of a fuzzy-tanh damper without noise: the inverse of the identified model then finds the recorded current.
+fn exact(kind: DriveKind) -> Vec<Experiment> {
+    // The force grows with the drive everywhere, and it always opposes the velocity.
+    let functions =
+        [(90.0, 500.0), (400.0, 900.0), (800.0, 1300.0)].map(|(a1, a2)| tanh_function(a1, a2, 45.0, 0.0));
+    let sets = FuzzySets::new(Membership { drive: kind, sigma: 0.25 }, &[0.0, 0.5, 1.0]).expect("sets");
+    let model = FuzzyTanh::new(sets, &functions, 0.0).expect("a model");
+    let replicate = |number: u32| {
+        let drive = |t: f64| [0.0, 1.0, 0.5, 0.0, 0.5, 1.0][(t / 0.3) as usize % 6];
+        let recipe = Recipe {
+            name: "steps",
+            rate_hz: 512.0,
+            drive,
+            offset_n: 45.0,
+            noise_n: 0.0,
+            seed: number.into(),
+            ..Recipe::default()
+        };
+        let run = identify_support::run(recipe, kind, |x, v, i| model.force_n(x, v, i));
+        let data = Dataset::from_run(&run, &MEASURED, &DatasetOptions::default()).expect("a sound run");
+        Replicate { number, data }
+    };
+    vec![Experiment {
+        name: "steps".to_owned(),
+        replicates: vec![replicate(1), replicate(2)],
+        training: 1,
+        held_out: Vec::new(),
+    }]
+}
+
+#[test]
+fn the_search_finds_the_recorded_current_of_an_exact_model() {
+    let options = Options { conditioning: MEASURED, ..options() };
+    let methods = [Method::Search, Method::WangHu];
+    let found = run_inverse(0, &methods, &exact(DriveKind::CoilCurrent), &options, &Watch::none())
+        .expect("not cancelled");
+    assert!(found.iter().all(|method| method.failure.is_none()), "{found:?}");
+    let tested = |k: usize| &found[k].cross_validation[0];
+    assert_eq!((found.len(), tested(0).replicate, tested(1).replicate), (2, 2, 2));
+    let nmse = [0, 1].map(|k| tested(k).figure.nmse.expect("the current varies"));
+    assert!(nmse[0] < 1e-3, "{:?}", tested(0));
+    // Learned rules are no exact inverse.
+    assert!(nmse[0] < nmse[1] && nmse[1] < 0.5, "{nmse:?}");
+    let best = InverseRow::best(&found);
+    assert_eq!(best.iter().map(|row| row.method.as_str()).collect::<Vec<_>>(), ["search", "wang-hu"]);
+}
+
+#[test]
+fn a_run_without_coil_current_has_no_inverse_and_says_so() {
+    let options = Options { conditioning: MEASURED, ..options() };
+    let voltage = exact(DriveKind::CommandVoltage);
+    let found = run_inverse(0, &Method::ALL, &voltage, &options, &Watch::none()).expect("not cancelled");
+    for finished in &found {
+        let why = finished.failure.as_deref().unwrap_or_default();
+        assert!(why.contains("current"), "{finished:?}");
+        assert!(finished.identification.is_none() && finished.cross_validation.is_empty());
+    }
+    assert!(found.len() == 6 && InverseRow::best(&found).is_empty());
 }

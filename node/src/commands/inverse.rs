@@ -63,10 +63,10 @@ pub struct Args {
 /// No method has the given name.
 #[derive(Debug, Clone, Copy, thiserror::Error)]
 #[error("take one of {}", Method::ALL.map(Method::name).join(", "))]
-struct UnknownMethod;
+pub(super) struct UnknownMethod;
 
 /// Parses the name of a method.
-fn method(name: &str) -> Result<Method, UnknownMethod> {
+pub(super) fn method(name: &str) -> Result<Method, UnknownMethod> {
     Method::named(name).ok_or(UnknownMethod)
 }
 

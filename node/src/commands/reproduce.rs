@@ -216,7 +216,15 @@ fn identified(args: &Args, context: &CliContext) -> Result<Results, NodeError> {
     };
     let specs = IDENTIFIED.map(|(model, form)| ModelSpec::new(model.structure, form));
     let specs = specs.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let plan = ComparisonPlan { specs, experiments, sources, options, threads: threads(), design: None };
+    let plan = ComparisonPlan {
+        specs,
+        inverses: Vec::new(),
+        experiments,
+        sources,
+        options,
+        threads: threads(),
+        design: None,
+    };
     let is_published = |cell: &Cell| {
         let on = &plan.experiments[cell.experiment].name;
         cell.spec != ModelSpec::FUZZY_TANH || STEPPED.contains(&on.as_str())

@@ -212,3 +212,40 @@ fn named_runs_train_together_and_are_tested_one_by_one() {
     assert_eq!(twice.status.code(), Some(1));
     assert!(text(&twice.stderr).contains("rp-icps-01.csv is named twice"), "{}", text(&twice.stderr));
 }
+
+#[test]
+fn inverse_methods_are_compared_by_the_current_that_they_find() {
+    let _turn = turn(module_path!());
+    let dir = temporary();
+    let more = ["--models", "sp", "--inverse", "search,wang-hu", "--json", "i.json", "--report", "i.html"];
+    let output = compare(dir.path(), &more);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let json = std::fs::read_to_string(dir.path().join("i.json")).expect("a file");
+    let json: Value = serde_json::from_str(&json).expect("JSON");
+    let inverses = json["inverse"].as_array().expect("a list");
+    // Two methods on two experiments, each tested on the three other runs.
+    assert_eq!(inverses.len(), 4);
+    for inverse in inverses {
+        let tests = inverse["cross_validation"].as_array().expect("tests");
+        assert_eq!(tests.len(), 3);
+        for figure in tests.iter().map(|test| &test["figure"]).chain([&inverse["identification"]]) {
+            assert!(figure["rmse_a"].as_f64().is_some_and(|a| (0.0..2.5).contains(&a)), "{inverse:#}");
+        }
+    }
+    let best = json["inverse_ranking"].as_array().expect("a list");
+    let mean = |k: usize| best[k]["mean_rmse_a"].as_f64().expect("a mean");
+    assert!(best.len() == 2 && mean(0) <= mean(1), "{best:#?}");
+    let printed = text(&output.stdout);
+    let (_, table) = printed.split_once("Inverse methods").expect("a table");
+    for row in best {
+        let (method, rmse_a) = (row["method"].as_str().expect("a name"), row["mean_rmse_a"].as_f64());
+        let line = table.lines().find(|line| line.trim_start().starts_with(method)).expect("a line");
+        assert!(line.contains(&format!("{:.3}", rmse_a.expect("a mean"))), "{line}");
+    }
+    let page = std::fs::read_to_string(dir.path().join("i.html")).expect("a file");
+    assert!(page.contains("Inverse methods"));
+
+    let unknown = compare(dir.path(), &["--inverse", "chan"]);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(text(&unknown.stderr).contains("search, polynomial, fuzzy, chen"), "{}", text(&unknown.stderr));
+}

@@ -1,5 +1,6 @@
 //! The report of a comparison: error of each model by training experiment, and time per step.
 
+mod inverse;
 pub mod order;
 pub mod published;
 mod tables;
@@ -10,7 +11,9 @@ use super::plot::{Ink, Plot, Series, Shape};
 use super::scatter::{self, NamedPoint};
 use super::table::{facts, table};
 use maud::{Markup, PreEscaped, html};
-use mr_damper_model::compare::{BoxPlot, Finished, Persistence, Predictor, Summary};
+use mr_damper_model::compare::{
+    BoxPlot, Finished, FinishedInverse, InverseRow, Persistence, Predictor, Summary,
+};
 use published::Published;
 use serde::Serialize;
 
@@ -72,6 +75,10 @@ pub struct CompareOutcome<'a> {
     pub published: Option<&'a Published>,
     /// Time per step of each model.
     pub step_times: &'a [StepTime],
+    /// Results of each inverse method on each training experiment.
+    pub inverses: &'a [FinishedInverse],
+    /// The best training experiment of each inverse method, best method first.
+    pub inverse_ranking: &'a [InverseRow],
     /// Pictures of force over time.
     pub force_time: Vec<ForcePlot>,
     /// Pictures of force over velocity, one per current.
@@ -110,6 +117,7 @@ pub fn html(outcome: &CompareOutcome<'_>) -> String {
         (section("Error against time per step", &pareto(outcome)))
         (section("Force over time", &force_time(outcome)))
         @if !outcome.force_velocity.is_empty() { (section("Force over velocity", &force_velocity(outcome))) }
+        @if !outcome.inverses.is_empty() { (section("Inverse methods", &inverse::section(outcome))) }
         (section("Cross-validation", &tables::cross_validation(outcome)))
         (section("Identification", &tables::identification(outcome)))
     };

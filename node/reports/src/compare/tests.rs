@@ -1,7 +1,7 @@
 //! Tests of the report on a comparison made by hand.
 
 use super::*;
-use mr_damper_model::compare::{Figure, Test};
+use mr_damper_model::compare::{CurrentFigure, Figure, InverseTest, Test};
 use published::{Figures, PublishedRow};
 
 fn figure(predictor: Predictor, esr: Option<f64>) -> Figure {
@@ -69,6 +69,15 @@ fn with_outcome(check: impl Fn(&CompareOutcome<'_>)) {
         form: "semi_active".to_owned(),
         ns_per_step: 21.0,
     });
+    let figure = |rmse_a| CurrentFigure { rmse_a: Some(rmse_a), nmse: None, note: None };
+    let test = InverseTest { tested_on: "B".to_owned(), replicate: 1, figure: figure(0.321) };
+    let inverses = [FinishedInverse {
+        method: "wang-hu".to_owned(),
+        trained_on: "A".to_owned(),
+        identification: Some(figure(0.123)),
+        cross_validation: vec![test],
+        failure: None,
+    }];
     check(&CompareOutcome {
         what: "2 models on 2 experiments".to_owned(),
         facts: vec![("seed".to_owned(), "0".to_owned())],
@@ -77,6 +86,8 @@ fn with_outcome(check: impl Fn(&CompareOutcome<'_>)) {
         persistence: &still,
         published: Some(&published),
         step_times: &times,
+        inverses: &inverses,
+        inverse_ranking: &InverseRow::best(&inverses),
         force_time: vec![picture.clone()],
         force_velocity: vec![picture.clone(), picture],
         force_velocity_caption: "Measured, and models.".to_owned(),
@@ -91,6 +102,9 @@ fn the_report_shows_own_and_published_figures_and_loads_nothing_from_the_network
             assert!(!page.contains(word), "{word} in the report");
         }
         for word in [
+            "wang-hu",
+            "0.123",
+            "0.321",
             "0.0501",
             "0.0801",
             "117.7",

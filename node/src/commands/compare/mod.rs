@@ -2,6 +2,7 @@
 
 pub(super) mod drawn;
 mod error;
+mod inverses;
 mod output;
 pub(super) mod pictures;
 pub(super) mod runs;
@@ -11,6 +12,7 @@ pub(super) mod work;
 
 use crate::commands::conditioning::{ConditioningArgs, FilterArg, VelocityArg};
 use crate::commands::context::CliContext;
+use crate::commands::inverse::method;
 use crate::commands::output::OutputArgs;
 use crate::commands::run_args::RunArgs;
 use crate::commands::units::UnitsArgs;
@@ -20,8 +22,9 @@ use clap::builder::PossibleValuesParser;
 use error::{CompareError, OnlyForm};
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_base::shown;
-use mr_damper_model::compare::{self, Cell, Experiment, Summary};
+use mr_damper_model::compare::{self, Cell, Experiment, InverseRow, Summary};
 use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch};
+use mr_damper_model::inverse::Method;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::sample::DriveKind;
 use mr_damper_reports::compare::published::Published;
@@ -55,6 +58,10 @@ pub struct Args {
     /// Models to compare; by default all.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = PossibleValuesParser::new(names()))]
     pub models: Vec<String>,
+    /// Inverse methods to compare, such as search,chen: the current that each finds for the measured force of a run, against the
+    /// recorded current. By default all, if all models are compared and the drive is a coil current.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = method)]
+    pub inverse: Vec<Method>,
     /// Compare only the forms without the drive.
     #[arg(long, conflicts_with = "semi_active_only")]
     pub passive_only: bool,
@@ -133,6 +140,8 @@ fn names() -> Vec<&'static str> {
 pub(super) struct ComparisonPlan {
     /// The models.
     pub(super) specs: Vec<ModelSpec>,
+    /// The inverse methods.
+    pub(super) inverses: Vec<Method>,
     /// The experiments with their rows.
     pub(super) experiments: Vec<Experiment>,
     /// The origin of each run.
@@ -154,16 +163,17 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let started = Instant::now();
     let work = prepare(args, context)?;
     let path = state_path(args);
-    let state = State::open(&path)?;
     let cells = compare::cells(&work.specs, &work.experiments);
-    let lines = match compute_cells(&work, &cells, &state, context) {
+    let computed = compute_cells(&work, &cells, &State::open(&path)?, context)
+        .and_then(|lines| Ok((lines, inverses::compute(&work, &State::open(&path)?, context)?)));
+    let (lines, inverses) = match computed {
         Err(NodeError::Interrupted) => {
             let text =
                 format!("finished work is kept in {}: the same command continues from there", path.display());
             eprintln!("{}", shown::line(&text));
             return Err(NodeError::Interrupted);
         }
-        lines => lines?,
+        computed => computed?,
     };
     let cells: Vec<_> = lines.iter().map(|line| line.cell.clone()).collect();
     let summaries = match &work.design {
@@ -176,6 +186,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         persistence: compare::persistence(&work.experiments),
         published: published(&work.experiments),
         seconds: started.elapsed().as_secs_f64(),
+        inverse_ranking: InverseRow::best(&inverses),
+        inverses,
         cells,
         lines,
     };
@@ -238,7 +250,8 @@ fn prepare(args: &Args, context: &CliContext) -> Result<ComparisonPlan, NodeErro
     if let Some(design) = &design {
         tracing::info!("{design}");
     }
-    Ok(ComparisonPlan { specs, experiments, sources, options, threads, design })
+    let inverses = inverses::methods(args, &experiments);
+    Ok(ComparisonPlan { specs, inverses, experiments, sources, options, threads, design })
 }
 
 /// The experiments, with folds if the runs hold one level each or if folds are asked for; and what the folds are.
@@ -345,7 +358,7 @@ pub(super) fn bar(context: &CliContext, length: usize, template: &str) -> Progre
 pub(super) fn compute_cells(
     work: &ComparisonPlan,
     cells: &[Cell],
-    state: &State,
+    state: &State<FinishedCell>,
     context: &CliContext,
 ) -> Result<Vec<FinishedCell>, NodeError> {
     let cell_keys = CellKeys::new(&work.options, &work.sources);
@@ -465,7 +478,7 @@ impl CellTimes {
 }
 
 impl<'a> TimeLeft<'a> {
-    fn new(cells: &'a [Cell], keys: &[String], state: &State, threads: usize) -> Self {
+    fn new(cells: &'a [Cell], keys: &[String], state: &State<FinishedCell>, threads: usize) -> Self {
         let mut so_far = CellTimes::default();
         for (cell, line) in cells.iter().zip(keys.iter().map(|key| state.get(key))) {
             so_far.done.push(line.is_some());

@@ -6,7 +6,9 @@ use crate::commands::conditioning::velocity_text;
 use crate::settings::error::NodeError;
 use mr_damper_base::provenance::TOOL;
 use mr_damper_base::shown;
-use mr_damper_model::compare::{ALL_FOLDS, Figure, Finished, Persistence, Predictor, Summary};
+use mr_damper_model::compare::{
+    ALL_FOLDS, Figure, Finished, FinishedInverse, InverseRow, Persistence, Predictor, Summary,
+};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::ModelFile;
 use mr_damper_reports::compare::published::Published;
@@ -20,6 +22,8 @@ pub(super) struct ComparisonResult {
     pub(super) summaries: Vec<Summary>,
     pub(super) persistence: Vec<Persistence>,
     pub(super) published: Option<Published>,
+    pub(super) inverses: Vec<FinishedInverse>,
+    pub(super) inverse_ranking: Vec<InverseRow>,
     pub(super) seconds: f64,
     /// Description of the folds; `None` without folds.
     pub(super) design: Option<String>,
@@ -38,6 +42,12 @@ struct Report<'a> {
     cross_validation: Vec<CrossRow<'a>>,
     ranking: Vec<RankRow<'a>>,
     persistence: Vec<PersistenceRow<'a>>,
+    /// Each method on each training experiment, with all tests; absent if no inverse is compared.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    inverse: &'a [FinishedInverse],
+    /// The best training experiment of each method.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    inverse_ranking: &'a [InverseRow],
     models: &'a [StepTime],
 }
 
@@ -210,6 +220,8 @@ fn outcome<'a>(
         persistence: &done.persistence,
         published: done.published.as_ref(),
         step_times: times,
+        inverses: &done.inverses,
+        inverse_ranking: &done.inverse_ranking,
         force_time: pictures::force_time(&work.experiments, &drawn),
         force_velocity,
         force_velocity_caption,
@@ -255,6 +267,8 @@ fn report<'a>(
             .filter(|e| !e.is_fold())
             .map(|e| persistence(&e.name, &done.persistence))
             .collect(),
+        inverse: &done.inverses,
+        inverse_ranking: &done.inverse_ranking,
         models: times,
     }
 }

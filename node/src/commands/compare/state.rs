@@ -8,6 +8,8 @@ use super::runs::Source;
 use crate::settings::error::NodeError;
 use mr_damper_model::compare::Finished;
 use mr_damper_model::identify::{ModelSpec, Options};
+use mr_damper_model::inverse::Method;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
@@ -29,16 +31,28 @@ pub(in crate::commands) struct FinishedCell {
     pub(in crate::commands) model: Option<String>,
 }
 
-/// The file of finished cells.
+/// A line of finished work.
+pub(in crate::commands) trait FinishedLine: Serialize + DeserializeOwned {
+    /// Hash of everything that determines the figures.
+    fn key(&self) -> &str;
+}
+
+impl FinishedLine for FinishedCell {
+    fn key(&self) -> &str {
+        &self.key
+    }
+}
+
+/// The lines of one kind in the file of finished work.
 #[derive(Debug)]
-pub(in crate::commands) struct State {
+pub(in crate::commands) struct State<L> {
     path: PathBuf,
-    known: HashMap<String, FinishedCell>,
+    known: HashMap<String, L>,
     file: Mutex<File>,
 }
 
-impl State {
-    /// Opens the file at `path`, or creates it. A line that a crash cut short is ignored.
+impl<L: FinishedLine> State<L> {
+    /// Opens the file at `path`, or creates it. A line that a crash cut short is ignored, and so are lines of other kinds.
     ///
     /// # Errors
     /// When the file cannot be read or written.
@@ -49,8 +63,8 @@ impl State {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
             Err(error) => return Err(failed("reading")(error)),
         };
-        let lines = text.lines().filter_map(|line| serde_json::from_str::<FinishedCell>(line).ok());
-        let known = lines.map(|line| (line.key.clone(), line)).collect();
+        let lines = text.lines().filter_map(|line| serde_json::from_str::<L>(line).ok());
+        let known = lines.map(|line| (line.key().to_owned(), line)).collect();
         let mut file = OpenOptions::new().create(true).append(true).open(path).map_err(failed("opening"))?;
         if !text.is_empty() && !text.ends_with('\n') {
             file.write_all(b"\n").map_err(failed("writing"))?;
@@ -59,7 +73,7 @@ impl State {
     }
 
     /// The line with this key.
-    pub(super) fn get(&self, key: &str) -> Option<&FinishedCell> {
+    pub(super) fn get(&self, key: &str) -> Option<&L> {
         self.known.get(key)
     }
 
@@ -67,7 +81,7 @@ impl State {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub(super) fn add(&self, line: &FinishedCell) -> Result<(), NodeError> {
+    pub(super) fn add(&self, line: &L) -> Result<(), NodeError> {
         let mut text = serde_json::to_string(line).map_err(CompareError::Cell)?;
         text.push('\n');
         let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -92,8 +106,16 @@ impl CellKeys {
 
     /// The key of `spec` trained on `experiment`.
     pub(super) fn key(&self, spec: ModelSpec, experiment: &str) -> String {
-        let what = format!("{self:?} {} {} {experiment}", spec.label(), spec.form().name());
-        Sha256::digest(what).iter().map(|byte| format!("{byte:02x}")).collect()
+        self.hash(&format!("{} {} {experiment}", spec.label(), spec.form().name()))
+    }
+
+    /// The key of the inverses `methods` trained on `experiment`.
+    pub(super) fn inverse_key(&self, methods: &[Method], experiment: &str) -> String {
+        self.hash(&format!("inverse {methods:?} {experiment}"))
+    }
+
+    fn hash(&self, what: &str) -> String {
+        Sha256::digest(format!("{self:?} {what}")).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 }
 
@@ -128,14 +150,14 @@ mod tests {
     fn lines_are_read_back_and_a_cut_line_is_ignored() {
         let dir = tempfile::tempdir().expect("a temporary directory");
         let path = dir.path().join("state.jsonl");
-        let state = State::open(&path).expect("a new file");
+        let state = State::<FinishedCell>::open(&path).expect("a new file");
         state.add(&line("one")).expect("room");
         std::fs::OpenOptions::new()
             .append(true)
             .open(&path)
             .and_then(|mut file| file.write_all(b"{\"key\": \"tw"))
             .expect("room");
-        State::open(&path).expect("the file").add(&line("three")).expect("room");
+        State::<FinishedCell>::open(&path).expect("the file").add(&line("three")).expect("room");
         let state = State::open(&path).expect("the file");
         assert_eq!((state.get("one"), state.get("two")), (Some(&line("one")), None));
         assert_eq!(state.get("three"), Some(&line("three")));

@@ -3,7 +3,8 @@
 use super::output::ComparisonResult;
 use crate::commands::units::Units;
 use mr_damper_base::shown;
-use mr_damper_model::compare::{Class, Predictor, Summary};
+use mr_damper_model::compare::{Class, FinishedInverse, Predictor, Summary};
+use mr_damper_model::inverse::Method;
 use mr_damper_reports::compare::StepTime;
 use std::fmt::Write;
 
@@ -28,9 +29,43 @@ pub(super) fn text(done: &ComparisonResult, times: &[StepTime], units: Units) ->
             cross_validation(&mut text, done, predictor, times, units);
         }
     }
+    inverses(&mut text, done);
     reasons(&mut text, done);
     let _ = writeln!(text, "\n{:.1} s", done.seconds);
     text
+}
+
+/// The inverse methods, best first.
+fn inverses(text: &mut String, done: &ComparisonResult) {
+    if done.inverses.is_empty() {
+        return;
+    }
+    let _ = writeln!(text, "\nInverse methods: error of the current found for a measured force, best first");
+    let _ = writeln!(
+        text,
+        "  {:<12} {:<12} {:>11} {:>9} {:>6}",
+        "method", "best on", "mean RMSE A", "mean NMSE", "tests"
+    );
+    for row in &done.inverse_ranking {
+        let _ = writeln!(
+            text,
+            "  {:<12} {:<12} {:11.3} {} {:6}",
+            row.method,
+            row.trained_on,
+            row.mean_rmse_a,
+            cell(row.mean_nmse, 9, 4),
+            row.tests
+        );
+    }
+    for method in Method::ALL.map(Method::name) {
+        let failed = |inverse: &&FinishedInverse| inverse.method == method && inverse.failure.is_some();
+        let mut failures = done.inverses.iter().filter(failed);
+        let Some(first) = failures.next() else { continue };
+        let more = failures.count();
+        let more = if more > 0 { format!(", and {more} more") } else { String::new() };
+        let why = first.failure.as_deref().unwrap_or_default();
+        let _ = writeln!(text, "inverse {method} on {}{more}: {why}", first.trained_on);
+    }
 }
 
 /// Warnings and reasons, one line for each model: many experiments often have the same.
