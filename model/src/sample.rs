@@ -82,6 +82,15 @@ impl DriveKind {
         }
     }
 
+    /// The kind in words: `coil current` or `command voltage`.
+    #[must_use]
+    pub const fn in_words(self) -> &'static str {
+        match self {
+            Self::CoilCurrent => "coil current",
+            Self::CommandVoltage => "command voltage",
+        }
+    }
+
     /// The unit suffix of names: `a` or `v`.
     #[must_use]
     pub const fn unit_suffix(self) -> &'static str {

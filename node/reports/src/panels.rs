@@ -34,7 +34,7 @@ fn level_bounds(points: &[ResidualPoint], drive: DriveKind) -> [f64; 5] {
 }
 
 pub(super) fn force_over_velocity(points: &[ResidualPoint], drive: DriveKind) -> Markup {
-    let (what, unit) = drive_in_words(drive);
+    let (what, unit) = (drive.in_words(), drive.unit());
     let bounds = level_bounds(points, drive);
     let bound_n =
         points.iter().map(|p| p.measured_n.abs().max(p.predicted_n.abs())).fold(1.0, f64::max) * 1.05;
@@ -87,7 +87,7 @@ pub(super) fn residual_panels(points: &[ResidualPoint], drive: DriveKind) -> Mar
             ..Plot::default()
         }
     };
-    let (what, unit) = drive_in_words(drive);
+    let (what, unit) = (drive.in_words(), drive.unit());
     html! {
         p { "The residual of the simulation against quantities that might explain it. A correlation does not prove a "
             "cause. The service does not know how much of the residual is noise of the load cell." }
@@ -96,14 +96,6 @@ pub(super) fn residual_panels(points: &[ResidualPoint], drive: DriveKind) -> Mar
             (against("velocity, m/s", |p| p.velocity_m_s).figure(""))
             (against(&format!("{what}, {unit}"), |p| p.drive).figure(""))
         }
-    }
-}
-
-/// Name and unit of a drive.
-const fn drive_in_words(drive: DriveKind) -> (&'static str, &'static str) {
-    match drive {
-        DriveKind::CoilCurrent => ("coil current", "A"),
-        DriveKind::CommandVoltage => ("command voltage", "V"),
     }
 }
 

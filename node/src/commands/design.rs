@@ -147,7 +147,7 @@ impl Args {
         let wrong = |given: &str, kind: DriveKind, needed: &str| {
             NodeError::Usage(format!(
                 "{given}: the drive of the model is a {}; give its limit with {needed}",
-                if kind == DriveKind::CoilCurrent { "coil current" } else { "command voltage" }
+                kind.in_words()
             ))
         };
         match model.force.drive() {

@@ -13,7 +13,6 @@ use crate::force::ForceLaw;
 use crate::identify::{Dataset, Scales, Watch};
 use crate::model::Model;
 use crate::rig::signal::RATE_HZ;
-use crate::sample::DriveKind;
 
 /// Change of the force by an effect whose size is not known, on the road, as a share of the force (root mean squares). If a rival's size is
 /// known, the others change the force as much as it does.
@@ -77,7 +76,7 @@ impl<'a> Task<'a> {
             (Some(kind), None) => {
                 return Err(DesignError::DriveNeeded {
                     model: name,
-                    drive: in_words(kind),
+                    drive: kind.in_words(),
                     unit: kind.unit(),
                 }
                 .into());
@@ -258,14 +257,6 @@ impl Setup {
             }
         }
         pairs
-    }
-}
-
-/// The kind of a drive, in words.
-const fn in_words(kind: DriveKind) -> &'static str {
-    match kind {
-        DriveKind::CoilCurrent => "coil current",
-        DriveKind::CommandVoltage => "command voltage",
     }
 }
 
