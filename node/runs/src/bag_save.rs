@@ -6,8 +6,33 @@ use super::names::Namer;
 use super::whole::write_beside;
 use super::wire::Encoder;
 use super::{RunError, columns_of, sqlite};
-use mr_damper_model::sample::{Run, Trace};
+use mr_damper_model::sample::{Run, Stamp, Trace};
 use std::path::Path;
+
+/// Messages that a bag holds beside the columns of its run, in order of their stamps.
+pub trait BagMessages {
+    /// Stamp of the next message; `None` after the last.
+    fn next_stamp(&mut self) -> Option<Stamp>;
+
+    /// Writes the next message with its stamp as both times.
+    ///
+    /// # Errors
+    /// The errors of [`BagWriter::write_message`].
+    fn write_next(&mut self, writer: &mut BagWriter) -> Result<(), RunError>;
+}
+
+/// No messages.
+pub(super) struct RunAlone;
+
+impl BagMessages for RunAlone {
+    fn next_stamp(&mut self) -> Option<Stamp> {
+        None
+    }
+
+    fn write_next(&mut self, _: &mut BagWriter) -> Result<(), RunError> {
+        Ok(())
+    }
+}
 
 /// A column that is being written.
 struct Channel<'a> {
@@ -18,24 +43,31 @@ struct Channel<'a> {
     next: usize,
 }
 
-/// Writes `run` into the new directory `dir`, with topics below `namespace`. Message times are the stamps of the samples.
-/// After an error the directory is removed.
-pub(super) fn save(run: &Run, dir: &Path, namespace: &str, options: BagOptions) -> Result<(), RunError> {
+/// Writes `run` and `more` into the new directory `dir`, with the run's topics below `namespace`. Message times are the stamps of the
+/// samples. After an error the directory is removed.
+pub(super) fn save(
+    run: &Run,
+    dir: &Path,
+    namespace: &str,
+    options: BagOptions,
+    more: &mut dyn BagMessages,
+) -> Result<(), RunError> {
     // Checked before anything is created, so that a run that cannot be written leaves no files.
     let columns = columns_of(run, dir)?;
     let writer = BagWriter::create(dir, options)?;
-    write(writer, dir, &columns, namespace).inspect_err(|_| {
+    write(writer, dir, &columns, namespace, more).inspect_err(|_| {
         // `create` made this directory, since it refuses an existing one. The first error is the one that is returned.
         let _ = std::fs::remove_dir_all(dir);
     })
 }
 
-/// Writes `run` into one file at `path`, without a directory and without `metadata.yaml`.
+/// Writes `run` and `more` into one file at `path`, without a directory and without `metadata.yaml`.
 pub(super) fn save_file(
     run: &Run,
     path: &Path,
     namespace: &str,
     options: BagOptions,
+    more: &mut dyn BagMessages,
 ) -> Result<(), RunError> {
     let columns = columns_of(run, path)?;
     if options.max_file_bytes.is_some() || options.max_file_duration.is_some() {
@@ -44,7 +76,7 @@ pub(super) fn save_file(
         return Err(RunError::Unwritable { path: path.to_owned(), what, why });
     }
     write_beside(path, |part| {
-        write(BagWriter::create_file(part, options)?, path, &columns, namespace).inspect_err(|_| {
+        write(BagWriter::create_file(part, options)?, path, &columns, namespace, more).inspect_err(|_| {
             // A database may have left journals. The first error is the one that is returned.
             for journal in ["-wal", "-shm"] {
                 let _ = std::fs::remove_file(sqlite::beside(part, journal));
@@ -58,6 +90,7 @@ fn write(
     dir: &Path,
     columns: &[(&str, &Trace)],
     namespace: &str,
+    more: &mut dyn BagMessages,
 ) -> Result<(), RunError> {
     let mut namer = Namer::new(namespace);
     let mut channels = Vec::with_capacity(columns.len());
@@ -81,6 +114,10 @@ fn write(
     loop {
         let due = channels.iter_mut().filter_map(|c| Some((*c.trace.stamps.get(c.next)?, c)));
         let Some((stamp, channel)) = due.min_by_key(|(stamp, _)| *stamp) else { break };
+        // A message of the same stamp follows from the samples, so it comes after them.
+        while more.next_stamp().is_some_and(|next| next < stamp) {
+            more.write_next(&mut writer)?;
+        }
         (channel.encoder.encode)(stamp, channel.trace.values[channel.next], &mut cdr).map_err(|error| {
             RunError::Unwritable {
                 path: dir.to_owned(),
@@ -90,6 +127,9 @@ fn write(
         })?;
         writer.write(channel.id, stamp.nanos(), stamp.nanos(), &cdr)?;
         channel.next += 1;
+    }
+    while more.next_stamp().is_some() {
+        more.write_next(&mut writer)?;
     }
     writer.finish().map(|_| ())
 }

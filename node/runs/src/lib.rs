@@ -58,6 +58,7 @@ mod unit;
 mod whole;
 mod wire;
 
+pub use bag_save::BagMessages;
 pub use bag_types::{BagOptions, Storage, Sync, Topic};
 pub use bag_write::{BagSummary, BagWriter, TopicId};
 pub use error::{DbcFault, LineFault, MapFault, RunError};
@@ -292,13 +293,38 @@ pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunErro
     let run = &*options.part.of(even.as_ref().unwrap_or(run), path)?;
     match extension(path).as_str() {
         "csv" => write_file(path, |sink| csv_write::write(run, path, sink)),
-        "mcap" => {
-            bag_save::save_file(run, path, &options.namespace, options.bag.clone().stored(Storage::Mcap))
-        }
-        "db3" => {
-            bag_save::save_file(run, path, &options.namespace, options.bag.clone().stored(Storage::Sqlite3))
-        }
-        "" => bag_save::save(run, path, &options.namespace, options.bag.clone()),
+        _ => write_bag(run, path, options, &mut bag_save::RunAlone),
+    }
+}
+
+/// Writes a run and `messages` as a bag: to a bare `.mcap` or `.db3` file, or to a new bag directory if the path has no extension. The
+/// part and the rate of `options` do not apply: the whole run is written at its own samples.
+///
+/// # Errors
+/// As [`save`].
+pub fn save_with(
+    run: &Run,
+    path: &Path,
+    options: &SaveOptions,
+    messages: &mut dyn BagMessages,
+) -> Result<(), RunError> {
+    if path.symlink_metadata().is_ok() {
+        return Err(RunError::Exists { path: path.to_owned() });
+    }
+    write_bag(run, path, options, messages)
+}
+
+fn write_bag(
+    run: &Run,
+    path: &Path,
+    options: &SaveOptions,
+    messages: &mut dyn BagMessages,
+) -> Result<(), RunError> {
+    let stored = |storage| options.bag.clone().stored(storage);
+    match extension(path).as_str() {
+        "mcap" => bag_save::save_file(run, path, &options.namespace, stored(Storage::Mcap), messages),
+        "db3" => bag_save::save_file(run, path, &options.namespace, stored(Storage::Sqlite3), messages),
+        "" => bag_save::save(run, path, &options.namespace, options.bag.clone(), messages),
         _ => Err(RunError::Target { path: path.to_owned() }),
     }
 }

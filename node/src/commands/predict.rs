@@ -1,25 +1,30 @@
-//! `mr-damper predict`: the forces of a model at the stamps of a recorded run, as a table.
+//! `mr-damper predict`: the forces of a model at the stamps of a recorded run, as a table or as messages in a bag.
 
+use crate::commands::bag_args::BagArgs;
 use crate::commands::context::CliContext;
 use crate::commands::run_args::RunArgs;
-use crate::estimation::models;
+use crate::estimation::{models, wire};
 use crate::settings::error::NodeError;
 use mr_damper_base::shown;
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{
-    Estimate, Event, Mode, Models, Pipeline, Reasons, Residual, Settings, Slot, Validity,
+    Estimate, Event, Mode, Models, Pipeline, Reasons, Residual, Settings, Slot, Transition, Validity,
 };
 use mr_damper_model::sample::{Run, Stamp};
-use mr_damper_runs::{seconds_text, write_text};
+use mr_damper_runs::{BagMessages, BagWriter, RunError, SaveOptions, save_with, seconds_text, write_text};
 use std::collections::HashMap;
+use std::iter::Peekable;
 use std::path::PathBuf;
+use std::vec::IntoIter;
 
-/// Write the force of a model at each displacement of a recorded run to a CSV file.
+/// Write the force of a model at each displacement of a recorded run to a CSV file or a bag.
 ///
-/// The columns are the estimate that the node would publish, the simulation (displacement and drive alone), the
+/// A CSV file is a table. Its columns are the estimate that the node would publish, the simulation (displacement and drive alone), the
 /// one-step-ahead prediction (models that use measured force, where it was measured), the 90 % band, the measured force,
 /// the residual of the simulation, the mode, the validity and its reasons. A value that does not exist is an empty cell.
 /// Stamps are those of the run, exact to the nanosecond.
+///
+/// A bag holds the run and, as the node would publish them, force_estimate, force_residual and mode.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model file, or preset.
@@ -28,9 +33,15 @@ pub struct Args {
     /// Run: a CSV file, rosbag2 directory, .mcap file or log of a CAN bus. Measured force is used if the run has it.
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// File to write.
-    #[arg(long, value_name = "FILE.csv")]
+    /// Target: a .csv, .mcap or .db3 file, or a new rosbag2 directory, without extension. A bag must not exist.
+    #[arg(long, value_name = "OUT")]
     out: PathBuf,
+    /// Namespace of the topics in the bag, e.g. /front_left.
+    #[arg(long, value_name = "NS", default_value = "")]
+    namespace: String,
+    /// How bags are written.
+    #[command(flatten)]
+    bag: BagArgs,
     /// How the run is read.
     #[command(flatten)]
     load: RunArgs,
@@ -40,33 +51,106 @@ pub struct Args {
 const COLUMNS: &str = "time_s,estimate_n,simulation_n,one_step_n,band_low_n,band_high_n,band_calibrated,\
                        measured_n,residual_n,mode,validity,reasons";
 
-/// Steps the model over the run and writes the table.
+/// Steps the model over the run and writes the table or the bag.
 ///
 /// # Errors
-/// When the model or the run does not load, the run lacks a channel that the model needs, or the file cannot be written; when
-/// interrupted, in which case nothing is written.
+/// When the model or the run does not load, the run lacks a channel that the model needs, or the target exists (a bag) or cannot be
+/// written; when interrupted, in which case nothing is written.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    args.bag.check(&args.out)?;
     let model = models::load(&args.model)?;
     let run = args.load.load(&args.run)?.run;
-    let Some(rows) = predict(&model, &run, || context.interrupt.is_raised())? else {
-        return Err(NodeError::Interrupted);
-    };
-    let mut text = format!("{COLUMNS}\n");
-    for row in &rows {
-        push_row(&mut text, row);
+    let cancelled = || context.interrupt.is_raised();
+    let Some(events) = events(&model, &run, cancelled)? else { return Err(NodeError::Interrupted) };
+    let forces = events.iter().filter_map(|event| match event {
+        Event::Estimate(estimate) => Some(estimate.force.get()),
+        _ => None,
+    });
+    let (all, valid) =
+        forces.fold((0, 0), |(all, valid), force_n| (all + 1, valid + usize::from(force_n.is_finite())));
+    if args.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv")) {
+        let mut text = format!("{COLUMNS}\n");
+        for row in rows(&events) {
+            push_row(&mut text, &row);
+        }
+        write_text(&args.out, &text)?;
+    } else {
+        args.save_bag(&model, &run, events)?;
     }
-    write_text(&args.out, &text)?;
     if !context.quiet {
-        let valid = rows.iter().filter(|row| row.estimate_n.is_finite()).count();
-        let line = format!(
-            "{} at {} in {}",
-            shown::count(valid, "force"),
-            shown::count(rows.len(), "displacement"),
-            args.out.display()
-        );
+        let (forces, displacements) = (shown::count(valid, "force"), shown::count(all, "displacement"));
+        let line = format!("{forces} at {displacements} in {}", args.out.display());
         eprintln!("{}", shown::line(&line));
     }
     Ok(())
+}
+
+impl Args {
+    /// Writes the run and the messages of `events`.
+    fn save_bag(&self, model: &Model, run: &Run, mut events: Vec<Event>) -> Result<(), NodeError> {
+        // A residual has the stamp of its measured force, which may be earlier than that of the displacement before it.
+        events.sort_by_key(stamp_of);
+        let namespace = format!("/{}", self.namespace.trim_matches('/'));
+        let mut messages = EventMessages {
+            events: events.into_iter().peekable(),
+            names: models::names_alone(&self.model, model)?,
+            frame_id: wire::frame_id(&namespace),
+            below: namespace.trim_end_matches('/').to_owned(),
+        };
+        let options = SaveOptions {
+            namespace: self.namespace.clone(),
+            bag: self.bag.options(),
+            ..SaveOptions::default()
+        };
+        Ok(save_with(run, &self.out, &options, &mut messages)?)
+    }
+}
+
+/// Estimates, residuals and changes of mode, as the node would publish them.
+struct EventMessages {
+    /// In order of their stamps; only events of these three kinds.
+    events: Peekable<IntoIter<Event>>,
+    names: wire::ModelNames,
+    frame_id: String,
+    /// Namespace of the topics without a slash at the end.
+    below: String,
+}
+
+impl BagMessages for EventMessages {
+    fn next_stamp(&mut self) -> Option<Stamp> {
+        self.events.peek().and_then(stamp_of)
+    }
+
+    fn write_next(&mut self, writer: &mut BagWriter) -> Result<(), RunError> {
+        let Some(event) = self.events.next() else { return Ok(()) };
+        let at_ns = stamp_of(&event).map_or(0, Stamp::nanos);
+        let topic = |name: &str| format!("{}/{name}", self.below);
+        match event {
+            Event::Estimate(estimate) => {
+                let message = wire::force_estimate(&estimate, &self.names, &self.frame_id);
+                writer.write_message(&topic("force_estimate"), &message, at_ns, at_ns)
+            }
+            Event::Residual(residual) => {
+                let message = wire::force_residual(&residual, &self.frame_id);
+                writer.write_message(&topic("force_residual"), &message, at_ns, at_ns)
+            }
+            Event::Transition(transition) => {
+                let message = wire::mode_change(&transition, &self.frame_id);
+                writer.write_message(&topic("mode"), &message, at_ns, at_ns)
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The stamp of an event that a bag gets; `None` for others.
+fn stamp_of(event: &Event) -> Option<Stamp> {
+    match event {
+        Event::Estimate(Estimate { stamp, .. })
+        | Event::Residual(Residual { stamp, .. })
+        | Event::Transition(Transition { stamp, .. }) => Some(*stamp),
+        _ => None,
+    }
 }
 
 /// The forces of a model at one displacement of a run. A value that does not exist is NaN.
@@ -133,33 +217,42 @@ pub fn predict(
     run: &Run,
     cancelled: impl Fn() -> bool,
 ) -> Result<Option<Vec<PredictedRow>>, NodeError> {
-    mr_damper_model::evaluate::require_inputs(model, run)?;
-    let pipeline = Pipeline::new(Models::alone(*model), Settings::default())?;
-    let Some((estimates, residuals)) = stepped(pipeline, run, cancelled) else { return Ok(None) };
-    let row = |estimate: &Estimate| PredictedRow::of(estimate, residuals.get(&estimate.stamp));
-    Ok(Some(estimates.iter().map(row).collect()))
+    Ok(events(model, run, cancelled)?.map(|events| rows(&events).collect()))
 }
 
-/// The estimates of `run`, and the residuals by stamp; `None` when `cancelled`.
-fn stepped(
-    mut pipeline: Pipeline,
-    run: &Run,
-    cancelled: impl Fn() -> bool,
-) -> Option<(Vec<Estimate>, HashMap<Stamp, Residual>)> {
-    let (mut estimates, mut residuals) = (Vec::new(), HashMap::new());
+/// The estimates of `model` on `run`, its residuals and its changes of mode, in the order in which they come; `None` when `cancelled`.
+fn events(model: &Model, run: &Run, cancelled: impl Fn() -> bool) -> Result<Option<Vec<Event>>, NodeError> {
+    mr_damper_model::evaluate::require_inputs(model, run)?;
+    let mut pipeline = Pipeline::new(Models::alone(*model), Settings::default())?;
+    let mut events = Vec::new();
     for (index, sample) in run.samples().enumerate() {
         if index % 4096 == 0 && cancelled() {
-            return None;
+            return Ok(None);
         }
-        pipeline.step(&sample, &mut |event| match event {
-            Event::Estimate(estimate) => estimates.push(estimate),
-            Event::Residual(residual) => {
-                residuals.insert(residual.stamp, residual);
+        pipeline.step(&sample, &mut |event| {
+            if stamp_of(&event).is_some() {
+                events.push(event);
             }
-            _ => {}
         });
     }
-    Some((estimates, residuals))
+    Ok(Some(events))
+}
+
+/// The row of each estimate, with the residual of its stamp.
+fn rows(events: &[Event]) -> impl Iterator<Item = PredictedRow> {
+    let residuals: HashMap<Stamp, &Residual> = events
+        .iter()
+        .filter_map(|event| match event {
+            Event::Residual(residual) => Some((residual.stamp, residual)),
+            _ => None,
+        })
+        .collect();
+    events.iter().filter_map(move |event| match event {
+        Event::Estimate(estimate) => {
+            Some(PredictedRow::of(estimate, residuals.get(&estimate.stamp).copied()))
+        }
+        _ => None,
+    })
 }
 
 /// Appends a row of the table.

@@ -119,6 +119,15 @@ pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
     Ok((models, names))
 }
 
+/// The names of `model`, called `name`, which runs without an ARX model beside it.
+///
+/// # Errors
+/// When the model cannot be hashed.
+pub fn names_alone(name: &str, model: &Model) -> Result<ModelNames, NodeError> {
+    let hash = hash(&Models::alone(*model))?;
+    Ok(ModelNames { free: name.to_owned(), seeded: None, hash })
+}
+
 /// A new model needs another drive than the node's input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(

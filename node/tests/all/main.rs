@@ -27,6 +27,7 @@ mod fis;
 mod identify;
 mod inverse;
 mod offline;
+mod predict;
 mod reproduce;
 mod security;
 mod simulate;
