@@ -28,10 +28,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const GROUP: usize = 4;
 /// Rows of one unit of parallel work. Fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 2048;
-/// Rows of a contiguous stretch in a sample, for models with memory.
-const STRETCH: usize = 1024;
-/// Rows at the start of a stretch that are not counted, while the model's memory fills.
+/// Rows of a contiguous stretch in a sample, for models with memory: the longest with which the sample covers the drive.
+const STRETCHES: [usize; 3] = [1024, 512, 256];
+/// Largest number of rows at the start of a stretch that are not counted, while the model's memory fills; at most a quarter of the stretch.
 const WARM_UP: usize = 128;
+/// A sample covers a drive value if it has one that is not further away, as a share of the range of the drive.
+const NEAR_DRIVE: f64 = 0.1;
+/// Smallest share of the rows whose drive a sample covers.
+const COVERED: f64 = 0.9;
+/// Places of a stretch within its group differ from run to run by this share (of the golden ratio), because the drives of several runs may
+/// change at the same times.
+const SHIFT: f64 = 0.618;
 
 /// A model as the solver needs it, row by row.
 pub(super) trait Columns: Sync {
@@ -162,7 +169,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
 
     /// A smaller problem of about `target` counted rows, for the restarts. Without memory it takes one random
     /// row from each group of rows, because a fixed stride could coincide with the period of a sine; with
-    /// memory it takes whole stretches. A filter on the output would need all rows, so it is omitted for
+    /// memory it takes whole stretches, which cover the drive. A filter on the output would need all rows, so it is omitted for
     /// model and measurement alike: this hardly moves the minimum and takes a tenth of the time.
     pub(super) fn sample(
         datasets: &[Dataset],
@@ -172,13 +179,17 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         cancel: &'a AtomicBool,
     ) -> Self {
         let stride = datasets.iter().map(Dataset::counted).sum::<usize>().div_ceil(target).max(1);
+        let whole =
+            |dataset: &Dataset| gather(dataset, &columns, columns.has_memory(), |row| row.raw_force_n);
+        if columns.has_memory() {
+            let runs: Vec<Rows> = datasets.par_iter().map(whole).collect();
+            let runs = stretches(&runs, columns.basis_len(), stride);
+            return Self { columns, runs, filter: None, parallel: false, cancel };
+        }
         let one = |(index, dataset): (usize, &Dataset)| {
             let mut random =
                 Pcg64Mcg::seed_from_u64(seed ^ (index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-            let rows = gather(dataset, &columns, columns.has_memory(), |row| row.raw_force_n);
-            if columns.has_memory() {
-                return stretches(&rows, columns.basis_len(), stride);
-            }
+            let rows = whole(dataset);
             // A short run keeps enough rows to have an influence among long runs.
             let stride = stride.min((rows.len() / 200).max(1));
             pick(&rows, columns.basis_len(), stride, || random.random::<f64>())
@@ -461,18 +472,54 @@ fn pick(rows: &Rows, basis_len: usize, stride: usize, mut random: impl FnMut() -
     picked
 }
 
-/// One stretch of rows from the middle of each group of `stride` stretches. The first rows of a stretch fill
-/// the memory and are not counted.
-fn stretches(rows: &Rows, basis_len: usize, stride: usize) -> Rows {
+/// Stretches of each run, as long as they cover the drive: of a drive that is held for seconds, a few long stretches may show one level.
+fn stretches(runs: &[Rows], basis_len: usize, stride: usize) -> Vec<Rows> {
+    let of_length = |length: usize| -> Vec<Rows> {
+        let of_run = |(run, rows): (usize, &Rows)| {
+            let place = if length == STRETCHES[0] { 0.5 } else { (0.5 + SHIFT * run as f64).fract() };
+            stretches_of(rows, basis_len, stride, length, place)
+        };
+        runs.iter().enumerate().map(of_run).collect()
+    };
+    let [longest, shorter @ ..] = STRETCHES;
+    shorter.into_iter().fold(of_length(longest), |sample, length| {
+        if covers_drive(&sample, runs) { sample } else { of_length(length) }
+    })
+}
+
+/// True if nearly all rows of `runs` have a drive that a counted row of `sample` has, too.
+fn covers_drive(sample: &[Rows], runs: &[Rows]) -> bool {
+    let drives = |runs: &[Rows]| -> Vec<f64> {
+        let counted = runs.iter().flat_map(|rows| rows.drive.iter().zip(&rows.counts));
+        counted.filter(|(drive, counts)| **counts && drive.is_finite()).map(|(drive, _)| *drive).collect()
+    };
+    let (mut known, all) = (drives(sample), drives(runs));
+    known.sort_by(f64::total_cmp);
+    let [low, high] = all
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], drive| [low.min(*drive), high.max(*drive)]);
+    let near = NEAR_DRIVE * (high - low);
+    let is_covered = |drive: &&f64| {
+        let next = known.partition_point(|one| one < *drive);
+        let neighbours = [next.checked_sub(1), Some(next)].into_iter().flatten();
+        neighbours.filter_map(|k| known.get(k)).any(|one| (one - **drive).abs() <= near)
+    };
+    all.iter().filter(is_covered).count() as f64 >= COVERED * all.len() as f64
+}
+
+/// One stretch of `length` rows from each group of `stride` stretches, at `place`: 0 is the beginning of the group and 1 its end. The
+/// first rows of a stretch fill the memory and are not counted.
+fn stretches_of(rows: &Rows, basis_len: usize, stride: usize, length: usize, place: f64) -> Rows {
+    let warm_up = WARM_UP.min(length / 4);
     let mut picked = Rows { mean_force_n: rows.mean_force_n, ..Rows::default() };
-    for from in (0..rows.len()).step_by(STRETCH * stride) {
-        let group = (STRETCH * stride).min(rows.len() - from);
-        let begin = from + (group - STRETCH.min(group)) / 2;
-        for k in begin..begin + STRETCH.min(group) {
+    for from in (0..rows.len()).step_by(length * stride) {
+        let group = (length * stride).min(rows.len() - from);
+        let begin = from + ((group - length.min(group)) as f64 * place) as usize;
+        for k in begin..begin + length.min(group) {
             picked.push_of(rows, k, basis_len);
             let last = picked.len() - 1;
             if stride > 1 {
-                picked.counts[last] &= k - begin >= WARM_UP;
+                picked.counts[last] &= k - begin >= warm_up;
             }
             if k == begin {
                 picked.dt_s[last] = f64::NAN;

@@ -9,6 +9,7 @@ use mr_damper_model::identify::{
     Dataset, DatasetOptions, Form, Identified, Loss, ModelSpec, Options, Placement, Structure, Variant,
     Watch, identify,
 };
+use mr_damper_model::rig::{self, Channels, Plant};
 use mr_damper_model::sample::{DriveKind, Run};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -318,4 +319,17 @@ fn polynomials_of_degree_five_are_fitted_and_evaluated() {
     let options = Options { degree: 6, ..options };
     let refused = identify(spec, &[run_of(force_n)], &options, &Watch::none()).expect_err("too high");
     assert!(refused.to_string().contains("degree is 6, but must be 1 to 5"), "{refused}");
+}
+
+#[test]
+fn a_law_with_memory_is_identified_from_levels_that_are_held_for_seconds() {
+    // The rig's valve is a Bouc-Wen valve. Each level of the current lasts 3 s, the longest stretch of a restart 2 s.
+    let experiment =
+        rig::Experiment::thesis("RP3-CS").expect("an experiment of the thesis").with_duration_s(20.0);
+    let runs = [1, 2].map(|seed| rig::record(&experiment, &Plant::plain(), &Channels::default(), seed));
+    let spec = ModelSpec::new(Structure::Law(ForceLaw::BoucWen), Form::SemiActive).expect("a form");
+    let options = Options { degree: 3, restarts: 12, choose_velocity: false, ..Options::default() };
+    let found = identify(spec, &runs, &options, &Watch::none()).expect("it identifies");
+    let rsse_n = found.free_run.expect("a simulation error").rsse_n;
+    assert!(rsse_n < 20.0, "{rsse_n} N; a sample with one level ends at 40 N");
 }

@@ -101,3 +101,43 @@ fn square_matches_a_numerical_jacobian() {
     let mean: Vec<f64> = problem.offsets_n(&POINT);
     assert!((mean[0] - mean[1] - 110.0).abs() < 1e-9, "{mean:?}");
 }
+
+/// Rows at 512 Hz whose drive is `level(t)`.
+fn driven(seconds: usize, level: impl Fn(f64) -> f64) -> Rows {
+    let mut rows = Rows::default();
+    for k in 0..seconds * 512 {
+        rows.drive.push(level(k as f64 / 512.0));
+        rows.counts.push(true);
+        rows.dt_s.push(1.0 / 512.0);
+        for values in [
+            &mut rows.displacement_m,
+            &mut rows.velocity_m_s,
+            &mut rows.acceleration_m_s2,
+            &mut rows.force_n,
+            &mut rows.basis,
+        ] {
+            values.push(0.0);
+        }
+    }
+    rows
+}
+
+#[test]
+fn a_sample_for_a_model_with_memory_shows_every_level_of_the_drive() {
+    // Seven levels of 3 s, at the same times in both runs: long stretches show one or two of them.
+    let held = [1, 2].map(|_| driven(21, |t| 0.4 * (t / 3.0).floor()));
+    let sample = stretches(&held, 1, 10);
+    for level in (0..7).map(|k| 0.4 * f64::from(k)) {
+        let counted = sample.iter().flat_map(|rows| rows.drive.iter().zip(&rows.counts));
+        let rows = counted.filter(|(drive, counts)| **counts && (**drive - level).abs() < 1e-9).count();
+        assert!(rows >= 100, "{level} A: {rows} rows");
+    }
+    // A drive that changes within every stretch keeps the longest stretches.
+    let varied = [1, 2].map(|_| driven(21, |t| 1.2 + 1.2 * (40.0 * t).sin()));
+    let sample = stretches(&varied, 1, 10);
+    assert_eq!(sample.iter().map(Rows::len).collect::<Vec<_>>(), [1536, 1536]);
+    assert!(sample.iter().all(|rows| rows.counts.iter().filter(|counts| !**counts).count() == 2 * WARM_UP));
+    // One level in all runs is covered by any sample.
+    let constant = [driven(21, |_| 1.2)];
+    assert_eq!(stretches(&constant, 1, 10)[0].len(), 1536);
+}
