@@ -1,11 +1,14 @@
 //! The sources of samples.
 
+pub mod can;
 pub mod collate;
 mod input;
+pub mod queued;
 pub mod ros_source;
 mod stamp;
 mod writers;
 pub mod zenoh;
 
+pub(in crate::streams) use input::TOPICS;
 pub use input::{InputTopic, inputs};
 pub use writers::Writers;
