@@ -16,7 +16,7 @@ use std::io::{BufRead, Write};
 fn main() -> Result<(), Box<dyn Error>> {
     let dbc = std::env::args_os().nth(1).ok_or("usage: outputs FILE.dbc <LINES")?;
     let signals = Signals::read(&[dbc.into()])?;
-    let none = signals.inputs(&Map::default(), &[], &[])?;
+    let none = signals.inputs(&Map::default(), &[])?;
     let mut messages: HashMap<String, OutputMessage> = HashMap::new();
     let mut out = std::io::stdout().lock();
     for line in std::io::stdin().lock().lines() {

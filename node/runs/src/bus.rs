@@ -127,17 +127,12 @@ impl Signals {
         Ok(Self(Database::read(paths)?))
     }
 
-    /// The inputs that `map` names, with the `checks` of their messages. `known` are the channels that the node reads.
+    /// The inputs that `map` names. `known` are the channels that the node reads.
     ///
     /// # Errors
-    /// When a mapping or a check does not fit the DBC files.
-    pub fn inputs(
-        &self,
-        map: &Map,
-        checks: &[InputCheck],
-        known: &[&'static str],
-    ) -> Result<Inputs, BusError> {
-        Inputs::new(self.0.clone(), map, checks, known)
+    /// When a mapping does not fit the DBC files.
+    pub fn inputs(&self, map: &Map, known: &[&'static str]) -> Result<Inputs, BusError> {
+        Inputs::new(self.0.clone(), map, known)
     }
 
     /// The messages that carry the `outputs`. None of them is a message of `inputs`.

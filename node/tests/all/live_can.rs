@@ -283,9 +283,10 @@ fn a_kernel_without_can_and_wrong_parameters_are_errors() {
     let good = config(&domain, dir.path(), &MAP, &[ESTIMATE]);
     let error = |config: &Config| match DamperNode::start(config, &RosArgs::default(), false) {
         Ok(_) => panic!("it started"),
-        Err(error) => error.to_string(),
+        Err(error) => (error.to_string(), error.is_wrong_usage()),
     };
-    let said = error(&good);
+    let (said, is_wrong_usage) = error(&good);
+    assert!(!is_wrong_usage, "{said}");
     if Path::new("/proc/sys/net/core").exists()
         && !std::fs::read_to_string("/proc/net/protocols").unwrap_or_default().contains("CAN")
     {
@@ -307,12 +308,18 @@ fn a_kernel_without_can_and_wrong_parameters_are_errors() {
         ("can.interface", "", "can.map is set, but can.interface is not"),
         ("can.interface", "file:", "must be an interface such as can0, or file:LOG"),
         ("can.interface", "file:nowhere.log", "No such file"),
+        (
+            "can.check",
+            "SUSP_FL,counter=Position",
+            "can.check: SUSP_FL,counter=Position: SUSP_FL.Position is not suitable",
+        ),
         ("can.map", "displacement=Pos", "can.map: displacement=Pos: no message of the DBC files has it"),
         ("can.out", "force_estimate=SUSP_FL,force=Load", "is an input already"),
         ("can.dbc", "nowhere.dbc", "nowhere.dbc: cannot open"),
     ] {
-        let said = with(name, value);
+        let (said, is_wrong_usage) = with(name, value);
         assert!(said.contains(why), "{name}={value}: {said}");
+        assert_eq!(is_wrong_usage, !value.contains("nowhere"), "{said}");
     }
 }
 

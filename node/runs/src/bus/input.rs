@@ -108,19 +108,11 @@ impl Inputs {
     /// The inputs that `map` names in the messages of `database`, of the channels `known`.
     ///
     /// # Errors
-    /// When a mapping or a check does not fit the database.
-    pub(super) fn new(
-        database: Database,
-        map: &Map,
-        checks: &[InputCheck],
-        known: &[&'static str],
-    ) -> Result<Self, BusError> {
+    /// When a mapping does not fit the database.
+    pub(super) fn new(database: Database, map: &Map, known: &[&'static str]) -> Result<Self, BusError> {
         let mut inputs = Self { database, messages: Vec::new() };
         for mapping in map.all() {
             inputs.add(mapping, known)?;
-        }
-        for check in checks {
-            inputs.protect(check)?;
         }
         Ok(inputs)
     }
@@ -174,7 +166,11 @@ impl Inputs {
         named.iter().find(|(compared, _)| compared == nearest).map(|(_, whole)| whole.clone())
     }
 
-    fn protect(&mut self, check: &InputCheck) -> Result<(), BusError> {
+    /// Uses only frames that pass `check`, of the message that it names.
+    ///
+    /// # Errors
+    /// When the check does not fit the message, or the message holds no input or has a check already.
+    pub fn check(&mut self, check: &InputCheck) -> Result<(), BusError> {
         let of = self.database.message(&check.text, &check.message)?;
         let name = of.name.clone();
         let protection = Protection::new(&check.text, of, &check.names)?;

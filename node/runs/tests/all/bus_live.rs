@@ -52,8 +52,11 @@ fn map(texts: &[&str]) -> Map {
 }
 
 fn inputs(map_texts: &[&str], checks: &[&str]) -> Result<Inputs, BusError> {
-    let checks: Vec<InputCheck> = checks.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
-    signals().inputs(&map(map_texts), &checks, &KNOWN)
+    let mut inputs = signals().inputs(&map(map_texts), &KNOWN)?;
+    for text in checks {
+        inputs.check(&text.parse::<InputCheck>()?)?;
+    }
+    Ok(inputs)
 }
 
 fn output(text: &str) -> Result<OutputMessage, BusError> {

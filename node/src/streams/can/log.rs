@@ -45,7 +45,7 @@ impl LogBus {
                 _ => return Err(form()),
             }
         }
-        File::open(path).map_err(|why| CanError::Interface { interface: interface.to_owned(), why })?;
+        File::open(path).map_err(|why| CanError::Log { interface: interface.to_owned(), why })?;
         let out = out.map(str::to_owned);
         Ok(Self { interface: interface.to_owned(), path: path.into(), bus, out, created: Mutex::default() })
     }
@@ -74,7 +74,7 @@ impl CanBus for LogBus {
         std::thread::Builder::new()
             .name("can-log".to_owned())
             .spawn(read)
-            .map_err(|why| CanError::Interface { interface: self.interface.clone(), why })?;
+            .map_err(|why| CanError::Log { interface: self.interface.clone(), why })?;
         Ok(Box::new(LogReceiver { frames, start: None, next: None }))
     }
 

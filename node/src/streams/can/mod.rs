@@ -29,7 +29,6 @@ pub use setup::CanSetup;
 
 use crate::settings::error::PartError;
 use mr_damper_model::sample::Stamp;
-use mr_damper_runs::RunError;
 use mr_damper_runs::bus::{BusError, CanId, MOST_BYTES};
 use std::sync::Arc;
 use std::time::Duration;
@@ -186,8 +185,13 @@ pub enum CanError {
         why: std::io::Error,
     },
     /// A log cannot be played.
-    #[error(transparent)]
-    Log(#[from] RunError),
+    #[error("can.interface {interface}: cannot play the log: {why}")]
+    Log {
+        /// The interface.
+        interface: String,
+        /// The system's reason.
+        why: std::io::Error,
+    },
     /// Parameters need others.
     #[error("{given} is set, but {missing} is not: {advice}")]
     Missing {
@@ -214,4 +218,12 @@ pub enum CanError {
     },
 }
 
-impl PartError for CanError {}
+impl PartError for CanError {
+    fn is_wrong_usage(&self) -> bool {
+        match self {
+            Self::Form { .. } | Self::NoOut { .. } | Self::Missing { .. } | Self::TwoOutputs { .. } => true,
+            Self::Signals { why, .. } => !matches!(why, BusError::Dbc(_)),
+            Self::NoCan { .. } | Self::Interface { .. } | Self::Out { .. } | Self::Log { .. } => false,
+        }
+    }
+}

@@ -59,7 +59,10 @@ impl CanSetup {
         let mappings: Vec<Mapping> = parsed("can.map", &can.map)?;
         let map = Map::new(mappings).map_err(|why| in_map(why.into()))?;
         let checks: Vec<InputCheck> = parsed("can.check", &can.check)?;
-        let inputs = signals.inputs(&map, &checks, &TOPICS).map_err(in_map)?;
+        let mut inputs = signals.inputs(&map, &TOPICS).map_err(in_map)?;
+        for check in &checks {
+            inputs.check(check).map_err(|why| CanError::Signals { parameter: "can.check", why })?;
+        }
         let outputs: Vec<OutputMapping> = parsed("can.out", &can.out)?;
         for (index, output) in outputs.iter().enumerate() {
             if outputs[..index].iter().any(|other| other.topic == output.topic) {
