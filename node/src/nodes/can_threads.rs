@@ -5,6 +5,7 @@ use crate::settings::config::Config;
 use crate::settings::error::NodeError;
 use crate::streams::can::{CanBus, CanCounters, CanSetup, FrameReceiver, FrameSender};
 use crate::streams::sink::can::{CanOutput, CanSink, CanSinkSettings};
+use crate::streams::source::TOPICS;
 use crate::streams::source::can::{CanSource, CanSourceParts};
 use crate::streams::source::queued::QueuedInput;
 use crate::streams::source::ros_source::RosSource;
@@ -60,7 +61,7 @@ impl OpenCan {
     /// # Errors
     /// When parameters are wrong, or the interface cannot be opened.
     pub(super) fn of(config: &Config, instead: Option<Arc<dyn CanBus>>) -> Result<Option<Self>, NodeError> {
-        let Some(setup) = CanSetup::of(config, instead)? else { return Ok(None) };
+        let Some(setup) = CanSetup::of(config, &TOPICS, instead)? else { return Ok(None) };
         let CanSetup { bus, interface, inputs, estimate, command, period } = setup;
         let receiver = bus.receiver(&inputs.ids())?;
         let open = |message: OutputMessage| Ok::<_, NodeError>((message, bus.sender()?));

@@ -131,7 +131,7 @@ fn play(
     all
 }
 
-/// What a frame of DAMPER_FL must hold for an estimate, computed without the encoder: force and upper end in their steps, or the least
+/// The content of a frame of DAMPER_FL for an estimate, computed without the encoder: force and upper end in their steps, or the least
 /// number for NaN; validity.
 fn expected(estimate: &Estimate) -> (i16, i16, u8) {
     let raw = |value: f64, step: f64| {
@@ -176,7 +176,7 @@ fn frames_give_the_estimates_of_the_log_and_each_estimate_its_frame() {
         let word = |at: usize| i16::from_le_bytes([data[at], data[at + 1]]);
         let found = (word(2), word(4), data[1] >> 4);
         let place = estimates[at..].iter().position(|estimate| *estimate == found);
-        at += place.unwrap_or_else(|| panic!("frame {index} is no estimate: {data:02x?}"));
+        at += place.unwrap_or_else(|| panic!("frame {index} matches no estimate: {data:02x?}"));
     }
     assert!(sent.len() > estimates.len() * 8 / 10, "{} frames of {} estimates", sent.len(), estimates.len());
     let can = counters.can.as_ref().expect("a bus");

@@ -66,7 +66,7 @@ pub enum BusError {
     Form {
         /// The text as given.
         text: String,
-        /// What it should be.
+        /// The expected kind of text.
         what: &'static str,
         /// Its form.
         form: &'static str,
@@ -122,7 +122,7 @@ pub enum BusError {
         text: String,
         /// The signal.
         signal: String,
-        /// What is needed.
+        /// The properties that the signal needs.
         needs: String,
     },
     /// Two signals of an output share bits.

@@ -58,7 +58,7 @@ pub struct InputValue {
     pub value: f64,
 }
 
-/// What a frame gave, beside its values.
+/// Counts of a frame that was used.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct FrameReport {
     /// Values of inputs.

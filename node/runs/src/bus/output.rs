@@ -55,13 +55,13 @@ pub enum OutputField {
     ForceRequested,
     /// Force that the current is expected to give.
     ForceExpected,
-    /// What limits the current: 0 is nothing.
+    /// The limit that applies to the current; 0: none.
     LimitedBy,
     /// 1 if the demanded force is achievable.
     Achievable,
 }
 
-/// What a field holds.
+/// Kind of content of a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Content {
     /// A physical quantity.

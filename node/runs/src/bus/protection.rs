@@ -169,7 +169,7 @@ impl Protection {
         if step == 0 { Err(Failed::Repeated) } else { Ok(Passed { missing: step - 1 }) }
     }
 
-    /// The checksum of a message's data; `None` if it has none.
+    /// The checksum of a message's data; `None` without a checksum.
     fn checksum_of(&self, data: &[u8]) -> Option<u8> {
         let place = self.checksum?;
         let (before, after) = (data.get(..place)?, data.get(place + 1..)?);
@@ -241,7 +241,7 @@ BO_ 2 B: 7 X
         (0..text.len()).step_by(2).map(|at| u8::from_str_radix(&text[at..at + 2], 16).expect("hex")).collect()
     }
 
-    // The frames are those of autosar-e2e 1.0.0: `e2e.p01.e2e_p01_protect(data, 0x123)`, and with `offset=2` and 0xbeef for B.
+    // The expected frames come from autosar-e2e 1.0.0: `e2e.p01.e2e_p01_protect(data, 0x123)`, and with `offset=2` and 0xbeef for B.
     #[test]
     fn frames_of_profile_1_equal_those_of_another_implementation() {
         let mut sent = protection("A", "counter=Alive,checksum=Crc,data_id=0x123").expect("it fits");
@@ -267,7 +267,7 @@ BO_ 2 B: 7 X
         assert_eq!(other.check(&hex("1122f8a3445566")), Ok(Passed { missing: 0 }));
     }
 
-    // The checksum is that of crccheck 1.3.1: `Crc8SaeJ1850.calc(bytes.fromhex("a0112233445566"))`.
+    // The expected checksum comes from crccheck 1.3.1: `Crc8SaeJ1850.calc(bytes.fromhex("a0112233445566"))`.
     #[test]
     fn without_a_data_id_the_checksum_is_that_of_sae_j1850() {
         let mut sent = protection("A", "checksum=Crc").expect("it fits");

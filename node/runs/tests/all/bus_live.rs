@@ -1,4 +1,4 @@
-//! Inputs and outputs of a running node on a CAN bus: values of frames are those of a log, and sent frames are read back.
+//! Inputs and outputs of a running node on a CAN bus: values of frames equal the values of a log, and sent frames are read back.
 //! `tests/oracles/can_outputs.py` compares sent frames with cantools, autosar-e2e and crccheck.
 
 use mr_damper_runs::bus::{

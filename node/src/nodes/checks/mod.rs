@@ -13,6 +13,7 @@ use crate::process::hardened;
 use crate::settings::config::{Config, Damper};
 use crate::settings::interrupt::Interrupt;
 use crate::streams::can::CanSetup;
+use crate::streams::source::TOPICS;
 use serde::Serialize;
 
 /// Severity of a finding.
@@ -138,7 +139,7 @@ fn model(Damper { config, args }: &Damper) -> Finding {
 /// The CAN bus of a damper, if it has one. Nothing is sent to it.
 fn can(Damper { config, args }: &Damper) -> Option<Finding> {
     let what = format!("CAN bus of {}", args.full_name());
-    let opened = CanSetup::of(config, None).and_then(|setup| {
+    let opened = CanSetup::of(config, &TOPICS, None).and_then(|setup| {
         let Some(setup) = setup else { return Ok(None) };
         let inputs = setup.inputs.ids();
         setup.bus.receiver(&inputs)?;

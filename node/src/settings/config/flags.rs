@@ -29,7 +29,7 @@ impl FromArgMatches for ParameterFlags {
     }
 }
 
-/// The value of a flag: that of its only use, or for a list that of all uses.
+/// The value of a flag. If the flag of a list is given several times, the items are joined.
 fn joined(mut values: Vec<Value>) -> Value {
     if values.len() == 1 {
         return values.remove(0);

@@ -25,7 +25,7 @@ macro_rules! counters {
     };
 }
 
-/// What a counter counts.
+/// Kinds of counters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     /// Work that was done.
@@ -81,7 +81,7 @@ counters! {
     not_representable: Loss, "forces or currents do not fit the range of their signal: widen it in the DBC file";
 }
 
-/// What the log has said of a bus.
+/// The counts that the log has reported.
 #[derive(Debug, Default)]
 pub struct CanNews {
     seen: Vec<u64>,

@@ -1,7 +1,7 @@
 //! A log of frames that is played as a bus: `file:drive.log[,bus=can1][,out=sent.log]`.
 //!
-//! Frames arrive with the spacing that they have in the log, and their stamps have exactly this spacing, so estimates are those of the
-//! log. Sent frames are written to the log `out`, as candump writes them. A thread reads the log ahead, so it may be of any length.
+//! Frames arrive with the spacing that they have in the log, and their stamps have exactly this spacing, so estimates equal the
+//! offline ones. Sent frames are written to the log `out`, as candump writes them. A thread reads the log ahead, so it may be of any length.
 
 use super::{Arrival, BusFault, CanBus, CanError, Frame, FrameReceiver, FrameSender, SendFault};
 use mr_damper_base::clock::system_now;

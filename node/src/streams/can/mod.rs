@@ -60,7 +60,7 @@ impl Frame {
     }
 }
 
-/// What comes from a bus.
+/// A frame or a fault that comes from a bus.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Arrival {
     /// A data frame.
@@ -132,6 +132,13 @@ fn bus(interface: &str) -> Result<Arc<dyn CanBus>, CanError> {
     match interface.strip_prefix("file:") {
         Some(rest) => Ok(Arc::new(log::LogBus::new(interface, rest)?)),
         None => Ok(Arc::new(socket::KernelBus::new(interface))),
+    }
+}
+
+impl CanError {
+    /// What `parameter` says does not fit, because of `why`.
+    fn signals(parameter: &'static str, why: impl Into<BusError>) -> Self {
+        Self::Signals { parameter, why: Box::new(why.into()) }
     }
 }
 
@@ -214,7 +221,7 @@ pub enum CanError {
         /// The parameter.
         parameter: &'static str,
         /// The reason.
-        why: BusError,
+        why: Box<BusError>,
     },
 }
 
@@ -222,7 +229,7 @@ impl PartError for CanError {
     fn is_wrong_usage(&self) -> bool {
         match self {
             Self::Form { .. } | Self::NoOut { .. } | Self::Missing { .. } | Self::TwoOutputs { .. } => true,
-            Self::Signals { why, .. } => !matches!(why, BusError::Dbc(_)),
+            Self::Signals { why, .. } => !matches!(**why, BusError::Dbc(_)),
             Self::NoCan { .. } | Self::Interface { .. } | Self::Out { .. } | Self::Log { .. } => false,
         }
     }

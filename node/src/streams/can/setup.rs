@@ -1,8 +1,7 @@
-//! What a damper reads from a bus and sends to it, from its parameters.
+//! The messages that a damper reads and sends, from its parameters.
 
 use super::{CanBus, CanError, bus};
 use crate::settings::config::{CanSettings, Config};
-use crate::streams::source::TOPICS;
 use mr_damper_runs::bus::{BusError, InputCheck, Inputs, OutputMapping, OutputMessage, OutputTopic, Signals};
 use mr_damper_runs::{Map, Mapping};
 use std::path::PathBuf;
@@ -27,11 +26,16 @@ pub struct CanSetup {
 }
 
 impl CanSetup {
-    /// The use that `config` describes; `None` if it names no interface. `instead` replaces the interface, for tests.
+    /// The use that `config` describes; `None` if it names no interface. `topics` are the inputs of the node. `instead` replaces the
+    /// interface, for tests.
     ///
     /// # Errors
     /// When parameters are missing or wrong, or DBC files cannot be read.
-    pub fn of(config: &Config, instead: Option<Arc<dyn CanBus>>) -> Result<Option<Self>, CanError> {
+    pub fn of(
+        config: &Config,
+        topics: &[&'static str],
+        instead: Option<Arc<dyn CanBus>>,
+    ) -> Result<Option<Self>, CanError> {
         let can = &config.can;
         if can.interface.is_empty() {
             return match others(can) {
@@ -52,16 +56,15 @@ impl CanSetup {
                 "name the signal of an input, as in displacement=SUSP_FL.Position, or an output with can.out",
             ));
         }
-        let in_dbc = |why| CanError::Signals { parameter: "can.dbc", why };
+        let in_dbc = |why: BusError| CanError::signals("can.dbc", why);
         let signals =
             Signals::read(&can.dbc.iter().map(PathBuf::from).collect::<Vec<_>>()).map_err(in_dbc)?;
-        let in_map = |why| CanError::Signals { parameter: "can.map", why };
         let mappings: Vec<Mapping> = parsed("can.map", &can.map)?;
-        let map = Map::new(mappings).map_err(|why| in_map(why.into()))?;
+        let map = Map::new(mappings).map_err(|why| CanError::signals("can.map", why))?;
         let checks: Vec<InputCheck> = parsed("can.check", &can.check)?;
-        let mut inputs = signals.inputs(&map, &TOPICS).map_err(in_map)?;
+        let mut inputs = signals.inputs(&map, topics).map_err(|why| CanError::signals("can.map", why))?;
         for check in &checks {
-            inputs.check(check).map_err(|why| CanError::Signals { parameter: "can.check", why })?;
+            inputs.check(check).map_err(|why| CanError::signals("can.check", why))?;
         }
         let outputs: Vec<OutputMapping> = parsed("can.out", &can.out)?;
         for (index, output) in outputs.iter().enumerate() {
@@ -70,7 +73,7 @@ impl CanSetup {
             }
         }
         let outputs = signals.outputs(&outputs, &inputs);
-        let mut outputs = outputs.map_err(|why| CanError::Signals { parameter: "can.out", why })?;
+        let mut outputs = outputs.map_err(|why| CanError::signals("can.out", why))?;
         let mut take = |topic: OutputTopic| {
             let place = outputs.iter().position(|message| message.topic() == topic)?;
             Some(outputs.swap_remove(place))
@@ -99,7 +102,6 @@ fn parsed<T: FromStr>(parameter: &'static str, items: &[String]) -> Result<Vec<T
 where
     BusError: From<T::Err>,
 {
-    let item =
-        |text: &String| text.parse().map_err(|why: T::Err| CanError::Signals { parameter, why: why.into() });
+    let item = |text: &String| text.parse().map_err(|why: T::Err| CanError::signals(parameter, why));
     items.iter().map(item).collect()
 }

@@ -1,8 +1,8 @@
 //! An interface of the kernel, by SocketCAN.
 //!
-//! Each thread has a socket of its own. The receiving one passes the wanted identifiers only (a filter in the kernel) and the error
-//! frames that say how the controller does, and asks for the kernel's stamp of reception (`SO_TIMESTAMPNS`, on `CLOCK_REALTIME`, which
-//! is the clock of the node). The sending ones receive nothing and never block. Other programs on this machine see the sent frames, as
+//! Each thread has a socket of its own. A filter in the kernel passes to the receiving socket the wanted identifiers only, and the error
+//! frames about the state of the controller. The kernel stamps each frame on reception (`SO_TIMESTAMPNS`, on `CLOCK_REALTIME`, which is
+//! the clock of the node). The sending sockets receive nothing and never block. Other programs on this machine see the sent frames, as
 //! usual.
 //!
 //! The machines that the project is tested on have no CAN in their kernels: only the error for that is tested there.
@@ -171,7 +171,7 @@ fn set_timeout(socket: &CanFdSocket, known: &mut Option<Duration>, timeout: Dura
     Ok(())
 }
 
-/// What a frame of the kernel means; `None` for a remote frame.
+/// The meaning of a frame of the kernel; `None` for a remote frame.
 fn arrival(frame: CanAnyFrame, stamp: Stamp) -> Option<Arrival> {
     match frame {
         CanAnyFrame::Normal(frame) => data_frame(frame.id(), stamp, frame.data()),

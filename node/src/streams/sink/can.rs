@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 /// Longest sleep of a thread that is not woken.
 const IDLE: Duration = Duration::from_millis(100);
 
-/// What both outputs share.
+/// Settings of both outputs.
 #[derive(Clone)]
 pub struct CanSinkSettings {
     /// The node's clock.
@@ -125,7 +125,7 @@ impl CanSink {
     }
 }
 
-/// What an output sends.
+/// The content of an output.
 struct Content<T> {
     /// The content of an event, if the output sends it.
     of: fn(&Event) -> Option<T>,
@@ -156,7 +156,7 @@ impl Outlet {
                 due = next_due(due, now, self.settings.period);
             }
             if last_round {
-                // What waits for its period at the end is sent now: nothing comes after it.
+                // A value that still waits for its period is sent now, because nothing comes after it.
                 if let Some(value) = newest {
                     (content.send)(&mut self, &value);
                 }

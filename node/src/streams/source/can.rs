@@ -30,7 +30,7 @@ const WAIT: Duration = Duration::from_millis(20);
 /// The running source.
 pub struct CanSource(Worker);
 
-/// What the source needs beside the bus.
+/// The means of the source, beside the bus.
 pub struct CanSourceParts<'a> {
     /// The messages that hold inputs.
     pub inputs: Inputs,

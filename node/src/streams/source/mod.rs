@@ -9,6 +9,5 @@ mod stamp;
 mod writers;
 pub mod zenoh;
 
-pub(in crate::streams) use input::TOPICS;
-pub use input::{InputTopic, inputs};
+pub use input::{InputTopic, TOPICS, inputs};
 pub use writers::Writers;
