@@ -235,3 +235,72 @@ fn next_due(due: Instant, now: Instant, period: Duration) -> Instant {
     let next = due + period;
     if next > now { next } else { now + period }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::streams::can::MemoryBus;
+    use crate::streams::sink::zenoh::samples;
+    use mr_damper_base::clock::system_now;
+    use mr_damper_model::units::Newton;
+    use mr_damper_runs::Map;
+    use mr_damper_runs::bus::{OutputMapping, Signals};
+    use std::io::Write as _;
+    use std::sync::atomic::Ordering;
+
+    const DBC: &str = "BO_ 1 A: 3 X\n SG_ Force : 0|16@1- (1,0) [-500|500] \"N\" X\n SG_ Validity : 16|3@1+ (1,0) [0|0] \"\" X\n";
+
+    fn outlet(bus: &MemoryBus, text: &str) -> Outlet {
+        let mut file = tempfile::NamedTempFile::new().expect("a file");
+        file.write_all(DBC.as_bytes()).expect("written");
+        let signals = Signals::read(&[file.path().to_owned()]).expect("a good file");
+        let none = signals.inputs(&Map::default(), &[]).expect("no inputs");
+        let mapping: OutputMapping = text.parse().expect("an output");
+        let message = signals.outputs(&[mapping], &none).expect("it fits").remove(0);
+        let (clock, counters) = (Arc::new(Clock::new(false)), Arc::default());
+        let settings = CanSinkSettings { clock, deadline: None, period: Duration::ZERO, counters };
+        Outlet { message, sender: Box::new(bus.clone()), settings }
+    }
+
+    fn estimate(force_n: f64, validity: Validity, age_ms: i64) -> Estimate {
+        match samples::estimate(1_500_000_000, force_n) {
+            Event::Estimate(it) => {
+                let received = Some(system_now().shifted(-age_ms * 1_000_000));
+                Estimate { validity, received, force: Newton(force_n), ..it }
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn late_estimates_are_not_sent_and_numbers_that_need_a_flag_have_it() {
+        let bus = MemoryBus::default();
+        let data = |outlet: &mut Outlet, estimate: &Estimate| {
+            outlet.send_estimate(estimate);
+            bus.sent().first().map(|frame| frame.data().to_vec())
+        };
+        let mut flagged = outlet(&bus, "force_estimate=A,force=Force,validity=Validity");
+        let mut plain = outlet(&bus, "force_estimate=A,force=Force");
+        for (force_n, validity, age_ms, with_flag, without) in [
+            (-2.0, Validity::Valid, 0, Some(vec![0xfe, 0xff, 0]), Some(vec![0xfe, 0xff, 0])),
+            (-2.0, Validity::Stale, 0, Some(vec![0xfe, 0xff, 3]), Some(vec![0, 0x80, 0])),
+            (501.0, Validity::Valid, 0, Some(vec![0, 0x80, 4]), Some(vec![0, 0x80, 0])),
+            (-2.0, Validity::Valid, 150, None, None),
+        ] {
+            let estimate = estimate(force_n, validity, age_ms);
+            assert_eq!(data(&mut flagged, &estimate), with_flag, "{force_n} {validity:?}");
+            assert_eq!(data(&mut plain, &estimate), without, "{force_n} {validity:?}");
+        }
+        let counters = &flagged.settings.counters;
+        let counted = [&counters.estimates, &counters.late_estimates, &counters.not_representable];
+        assert_eq!(counted.map(|count| count.load(Ordering::Relaxed)), [3, 1, 1]);
+    }
+
+    #[test]
+    fn the_mean_period_is_kept_and_a_late_frame_causes_no_burst() {
+        let (begin, period) = (Instant::now(), Duration::from_millis(10));
+        let at = |ms: u64| begin + Duration::from_millis(ms);
+        assert_eq!(next_due(at(10), at(12), period), at(20));
+        assert_eq!(next_due(at(10), at(35), period), at(45));
+    }
+}
