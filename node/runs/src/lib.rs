@@ -1,4 +1,4 @@
-//! Reads and writes recorded runs: CSV files and rosbag2 bags; reads logs of a CAN bus.
+//! Reads and writes recorded runs: CSV files and rosbag2 bags; reads logs of a CAN bus, and its frames for a running node ([`bus`]).
 //!
 //! [`load`] reads any format into a [`Run`], [`save`] writes a run, and [`convert`] does both without loss: values stay
 //! bit-identical, stamps keep every nanosecond, unknown columns keep their names. [`BagWriter`] only writes, for live
@@ -31,7 +31,7 @@ mod bag_save;
 mod bag_sink;
 mod bag_types;
 mod bag_write;
-mod bus;
+pub mod bus;
 mod column;
 mod csv;
 mod csv_write;

@@ -50,6 +50,8 @@ pub enum EventFilter {
     Commands,
     /// All published events except commands.
     Reports,
+    /// Only estimates.
+    Estimates,
     /// All events, including accepted samples.
     All,
 }
@@ -58,8 +60,12 @@ impl EventFilter {
     #[inline]
     const fn has(self, event: &Event) -> bool {
         match (self, event) {
-            (Self::All, _) | (Self::Commands, Event::Command(_)) => true,
-            (Self::Commands, _) | (Self::Reports, Event::Command(_) | Event::Input(_)) => false,
+            (Self::All, _) | (Self::Commands, Event::Command(_)) | (Self::Estimates, Event::Estimate(_)) => {
+                true
+            }
+            (Self::Commands | Self::Estimates, _) | (Self::Reports, Event::Command(_) | Event::Input(_)) => {
+                false
+            }
             (Self::Reports, _) => true,
         }
     }

@@ -4,9 +4,10 @@
 //! ROS topics ─→ source thread ─→ ring ─→ estimating thread ─→ ring ─→ thread of commands ─→ current_command
 //!                                                          ├→ ring ─→ ROS thread ─→ the other topics
 //!                                                          ├→ ring ─→ Zenoh thread ─→ keys
+//!                                                          ├→ ring ─→ CAN threads ─→ frames: commands, estimates
 //!                                                          ├→ ring ─→ overseer ─→ /diagnostics, log, history
 //!                                                          └→ ring ─→ an optional watcher (screen, report)
-//! rmw_zenoh topics ─→ queue ─→ source thread
+//! rmw_zenoh topics, CAN frames ─→ queues ─→ source thread
 //! Zenoh commands ─→ commands thread ─→ ring ─→ source thread (forces), and control as the services below
 //! parameters, ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
 //! load_model, state
@@ -18,18 +19,22 @@ use crate::estimation::estimator::{self, Estimator, EventFilter, EventReceiver};
 use crate::estimation::frame::Frame;
 use crate::estimation::lifecycle::{LifecycleState, Transition};
 use crate::estimation::wire::{self, SharedNames};
+use crate::nodes::can_threads::{CanContext, CanSinks, OpenCan};
 use crate::nodes::services::Services;
 use crate::process::panics;
 use crate::ros2::participant::{self, Domain, Ros};
 use crate::ros2::rosout::Rosout;
 use crate::settings::config::{Config, RosArgs, rmw, zenoh_config};
 use crate::settings::error::{NodeError, PartError};
+use crate::streams::can::CanBus;
 use crate::streams::sink::ros_sink::{EventReceivers, RosSink, SinkSettings};
 use crate::streams::sink::zenoh::{Damper, Mirror, RmwPresence};
 use crate::streams::source;
+use crate::streams::source::can::CanSource;
+use crate::streams::source::queued;
 use crate::streams::source::ros_source::RosSource;
 use crate::streams::source::zenoh::rmw_input::RmwSource;
-use crate::streams::source::zenoh::{CommandContext, ZenohInputs, ZenohSource};
+use crate::streams::source::zenoh::{CommandContext, OtherInputs, ZenohSource};
 use crate::watchdogs::diagnostics::Counters;
 use crate::watchdogs::overseer::{Overseeing, Overseer, SharedHistory};
 use crate::zenoh::session::{Link, Rmw};
@@ -51,6 +56,7 @@ pub struct DamperNode {
     services: Services,
     commands: Option<ZenohSource>,
     rmw_inputs: Option<RmwSource>,
+    can: Option<(CanSource, CanSinks)>,
     zenoh: Option<(Arc<Link>, Mirror)>,
     counters: Counters,
 }
@@ -63,9 +69,17 @@ pub struct Process {
     /// The resulting scheduling.
     scheduling: Scheduling,
     link: Option<Arc<Link>>,
+    /// A bus in the place of the interfaces that `can.interface` names.
+    can: Option<Arc<dyn CanBus>>,
 }
 
 impl Process {
+    /// The same process, whose dampers use `bus` in the place of an interface of the kernel: for tests.
+    #[must_use]
+    pub fn with_can_bus(self, bus: Arc<dyn CanBus>) -> Self {
+        Self { can: Some(bus), ..self }
+    }
+
     /// Joins the domain and opens the Zenoh session given by `config`. `enclave` is used if DDS-Security is requested.
     ///
     /// # Errors
@@ -79,7 +93,7 @@ impl Process {
             tracing::warn!(priority, "no real-time priority: {why}; {}", realtime::ADVICE);
         }
         let link = zenoh_config(config).map(|settings| Link::open(&settings)).transpose()?;
-        Ok(Self { domain, priority, scheduling, link: link.map(Arc::new) })
+        Ok(Self { domain, priority, scheduling, link: link.map(Arc::new), can: None })
     }
 }
 
@@ -113,6 +127,8 @@ impl DamperNode {
             // Before everything else, so that a model that does not load is reported at once.
             control.change_state(Transition::Configure)?;
         }
+        let can = OpenCan::of(config, process.can.clone())?;
+        let can_counters = can.as_ref().map(OpenCan::counters);
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
         let mut ros = Ros::start_in(&process.domain, args, options, args.node_name())?;
         ros.override_qos(config.qos.clone());
@@ -134,6 +150,16 @@ impl DamperNode {
             commands_sender.waking(ros_sink.commands_thread()),
             reports_sender.waking(ros_sink.reports_thread()),
         ];
+
+        let can_context = CanContext { clock: control.clock(), deadline, priority: process.priority };
+        let can = can.map(|can| can.start_sinks(&can_context)).transpose()?;
+        let can = can.map(|(input, sinks, can_rings)| {
+            for (sender, ring) in can_rings {
+                senders.push(sender);
+                rings.push(ring);
+            }
+            (input, sinks)
+        });
 
         let presence = rmw_presence(process, config, args, &frame)?;
         let mut zenoh = None;
@@ -174,15 +200,16 @@ impl DamperNode {
         let estimator_counters = running.counters();
         control.attach(running);
         let (demanded, forces) = source::zenoh::forces();
-        let (rmw_queue, rmw_inputs) = source::zenoh::rmw_input::queue();
-        let zenoh_inputs = ZenohInputs { forces, samples: rmw_inputs };
-        let start_source =
-            || RosSource::start(&mut ros, args, config, &control, zenoh_inputs, frame, samples);
+        let (rmw_queue, rmw_inputs) = queued::queue();
+        let (can_queue, can_inputs) = queued::queue();
+        let others = OtherInputs { forces, samples: rmw_inputs, can: can_inputs };
+        let start_source = || RosSource::start(&mut ros, args, config, &control, others, frame, samples);
         let source = realtime::raised(process.priority, start_source).0?;
         let counters = Counters {
             estimator: estimator_counters,
             source: source.counters(),
             ros_sink: ros_sink.counters(),
+            can: can_counters,
             rings,
             scheduling: process.scheduling.clone(),
         };
@@ -212,6 +239,11 @@ impl DamperNode {
             }
             _ => None,
         };
+        // A log is played from here on, so the node has to be active.
+        let can = match can {
+            Some((input, sinks)) => Some((input.start(&can_context, can_queue, &source)?, sinks)),
+            None => None,
+        };
         let service = Self {
             ros,
             source,
@@ -221,6 +253,7 @@ impl DamperNode {
             services,
             commands,
             rmw_inputs,
+            can,
             zenoh,
             counters,
         };
@@ -266,6 +299,8 @@ impl DamperNode {
             ("ros-graph", self.ros.is_alive()),
             ("zenoh-commands", self.commands.as_ref().is_none_or(ZenohSource::is_alive)),
             ("zenoh-inputs", self.rmw_inputs.as_ref().is_none_or(RmwSource::is_alive)),
+            ("can-source", self.can.as_ref().is_none_or(|(source, _)| source.is_alive())),
+            ("can-sink", self.can.as_ref().is_none_or(|(_, sinks)| sinks.is_alive())),
             ("zenoh-mirror", self.mirror().is_none_or(Mirror::is_alive)),
         ]
         .into_iter()
@@ -303,12 +338,19 @@ impl DamperNode {
         if let Some(inputs) = self.rmw_inputs {
             note("zenoh-inputs", inputs.stop());
         }
+        let can_sinks = self.can.map(|(source, sinks)| {
+            note("can-source", source.stop());
+            sinks
+        });
         note("ros-services", self.services.stop());
         note("ros-source", self.source.stop());
         if let Some(estimator) = self.control.detach() {
             note("estimating", estimator.stop());
         }
         note("ros-sink", self.ros_sink.stop());
+        if let Some(sinks) = can_sinks {
+            note("can-sink", sinks.stop());
+        }
         note("overseer", self.overseer.stop());
         if let Some((link, mirror)) = self.zenoh {
             mirror.stop();

@@ -140,6 +140,7 @@ impl NodeError {
             }
             Self::InFile { why, .. } | Self::Damper { why, .. } => why.is_wrong_usage(),
             Self::Settings(_) => true,
+            Self::Part(error) => error.as_ref().is_wrong_usage(),
             Self::Zenoh(error) => error.is_wrong_parameter(),
             Self::Serve(
                 ServeError::PageBeyondLoopback { .. } | ServeError::WorkshopBeyondLoopback { .. },

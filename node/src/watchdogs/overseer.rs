@@ -11,6 +11,7 @@ use crate::ros2::participant::{Domain, Output, Ros};
 use crate::ros2::rosout::Rosout;
 use crate::settings::config::RosArgs;
 use crate::settings::error::NodeError;
+use crate::streams::can::CanNews;
 use crate::streams::source::{self, InputTopic};
 use crate::watchdogs::diagnostics::{
     CLOCK_ADVICE, Counters, Health, NodeStatus, Publishers, StatusContext, publishers_advice, twin_advice,
@@ -90,6 +91,7 @@ pub struct Overseeing {
     /// Inputs with more than one publisher, at the last check.
     publishers: Vec<Publishers>,
     sim_time: SimTime,
+    can_news: CanNews,
 }
 
 /// Watches whether the node waits for simulated time.
@@ -148,6 +150,7 @@ impl Overseeing {
             inputs: source::inputs(args, &control.config())?,
             publishers: Vec::new(),
             sim_time: SimTime::default(),
+            can_news: CanNews::default(),
         })
     }
 
@@ -217,6 +220,9 @@ impl Overseeing {
         if lost > self.lost {
             tracing::warn!(events = lost - self.lost, "the history has a gap: its ring was full");
             self.lost = lost;
+        }
+        if let Some(can) = &counters.can {
+            self.can_news.since_last(can).iter().for_each(|news| tracing::warn!("CAN bus: {news}"));
         }
         let twins = self.domain.other_publishers(&self.estimates);
         if twins > self.twins {

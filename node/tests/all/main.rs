@@ -40,6 +40,7 @@ mod run_map;
 // The running node, over DDS.
 mod live;
 mod live_bad_input;
+mod live_can;
 mod live_close_loop;
 mod live_command;
 mod live_conventions;

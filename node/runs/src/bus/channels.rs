@@ -1,8 +1,9 @@
 //! The channels of a run that a log of CAN frames gives: one signal each, as the map says.
 
-use super::dbc::{Database, Message};
+use super::dbc::Database;
 use super::frame::{BusFrame, CanId, FrameSink};
-use super::signal::{Decoded, Presence, Signal, decode};
+use super::lookup::check_signal;
+use super::signal::{Decoded, decode};
 use crate::column::Quantity;
 use crate::csv::settle_drive;
 use crate::error::MapFault;
@@ -218,47 +219,13 @@ impl<'a> Channels<'a> {
         Ok(found.map(|index| (Source::Plain(index), self.plain[index].unit.clone())))
     }
 
-    /// The signal that `name` means: `MESSAGE.SIGNAL`, or `SIGNAL` if one message has it.
+    /// The signal that `name` means, and its unit; `None` if the database has none.
     fn signal(&self, name: &str, bus: Option<&str>) -> Result<Option<(Source, String)>, MapFault> {
-        let all = || self.database.messages.iter().enumerate();
-        let found = |index: usize, of: &'a Message, wanted: &str| {
-            let signals = of.signals.iter().enumerate().filter(|(_, signal)| signal.name == wanted);
-            signals.map(|(signal, _)| (index, signal)).collect::<Vec<_>>()
-        };
-        let mut matches: Vec<(usize, usize)> = match name.split_once('.') {
-            Some((message, signal)) => all()
-                .filter(|(_, it)| it.name == message)
-                .flat_map(|(index, it)| found(index, it, signal))
-                .collect(),
-            None => Vec::new(),
-        };
-        if matches.is_empty() {
-            matches = all().flat_map(|(index, it)| found(index, it, name)).collect();
-        }
-        let place = |(message, signal): &(usize, usize)| {
-            let of = &self.database.messages[*message];
-            let signal = &of.signals[*signal];
-            format!("{}.{} ({}, line {})", of.name, signal.name, self.database.file(of), signal.line)
-        };
-        let (message, signal) = match matches.as_slice() {
-            [] => return Ok(None),
-            [only] => *only,
-            several => {
-                let places: Vec<String> = several.iter().map(place).collect();
-                return Err(MapFault::SignalTwice { signal: name.to_owned(), places: places.join(", ") });
-            }
-        };
-        let of = &self.database.messages[message];
-        let twins: Vec<String> = all()
-            .filter(|(_, other)| other.id == of.id)
-            .map(|(_, it)| format!("{} ({}, line {})", it.name, self.database.file(it), it.line))
-            .collect();
-        if twins.len() > 1 {
-            return Err(MapFault::MessageTwice { id: of.id.to_string(), places: twins.join(", ") });
-        }
-        check_signal(of, &of.signals[signal])?;
-        let unit = of.signals[signal].unit.clone();
-        Ok(Some((Source::Signal { message, signal, bus: bus.map(str::to_owned) }, unit)))
+        let found = self.database.find(name)?;
+        Ok(found.map(|(message, signal)| {
+            let unit = self.database.messages[message].signals[signal].unit.clone();
+            (Source::Signal { message, signal, bus: bus.map(str::to_owned) }, unit)
+        }))
     }
 
     /// The signals that occur in the log, and the channels of an MDF4 file.
@@ -405,22 +372,6 @@ impl Series {
             notes.push(Note::SignalNotIncreasing { signal: signal(), count: self.not_increasing });
         }
     }
-}
-
-/// Refuses a signal that no frame can hold, or whose multiplexer is not known.
-fn check_signal(message: &Message, signal: &Signal) -> Result<(), MapFault> {
-    let name = || format!("{}.{}", message.name, signal.name);
-    if !signal.has_good_length() {
-        return Err(MapFault::SignalLength { signal: name(), line: signal.line, bits: signal.length });
-    }
-    if signal.end() > message.bytes {
-        let (needed, has) = (signal.end(), message.bytes);
-        return Err(MapFault::SignalBeyond { signal: name(), line: signal.line, needed, has });
-    }
-    if signal.presence == Presence::Unknown {
-        return Err(MapFault::NoMultiplexer { signal: name(), line: signal.line });
-    }
-    Ok(())
 }
 
 impl FrameSink for Channels<'_> {

@@ -41,7 +41,7 @@ pub(super) struct Message {
 }
 
 /// The messages of one or several DBC files.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Database {
     pub(super) messages: Vec<Message>,
     files: Vec<PathBuf>,
@@ -267,9 +267,9 @@ impl<'a> Parser<'a> {
         let offset = tokens.number("the offset of a signal")?;
         tokens.expect(')', "after the offset of a signal")?;
         tokens.expect('[', "before the range of a signal")?;
-        tokens.number("the least value of a signal")?;
+        let low = tokens.number("the least value of a signal")?;
         tokens.expect('|', "after the least value of a signal")?;
-        tokens.number("the greatest value of a signal")?;
+        let high = tokens.number("the greatest value of a signal")?;
         tokens.expect(']', "after the greatest value of a signal")?;
         let unit = match tokens.next()? {
             Token::Text(text) => text.trim().to_owned(),
@@ -278,6 +278,8 @@ impl<'a> Parser<'a> {
         // The receivers follow.
         tokens.skip_line();
         let presence = if mark.is_selected { Presence::Unknown } else { Presence::Always };
+        // Tools write [0|0] if no range is known.
+        let range = (low.value < high.value).then_some([low.value, high.value]);
         message.signals.push(Signal {
             name,
             line,
@@ -287,6 +289,7 @@ impl<'a> Parser<'a> {
             kind,
             factor,
             offset,
+            range,
             unit,
             presence,
         });

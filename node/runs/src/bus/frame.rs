@@ -3,15 +3,15 @@
 use std::fmt;
 
 /// Greatest number of data bytes of a CAN FD frame.
-pub(super) const MOST_BYTES: usize = 64;
+pub const MOST_BYTES: usize = 64;
 
 /// Identifier of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(super) struct CanId {
+pub struct CanId {
     /// The 11 or 29 bits.
-    pub(super) value: u32,
+    pub value: u32,
     /// True for 29 bits.
-    pub(super) extended: bool,
+    pub extended: bool,
 }
 
 impl CanId {
@@ -26,7 +26,8 @@ impl CanId {
     }
 
     /// The identifier; `None` if it is out of range.
-    pub(super) fn new(value: u32, extended: bool) -> Option<Self> {
+    #[must_use]
+    pub fn new(value: u32, extended: bool) -> Option<Self> {
         let most = if extended { Self::EXTENDED } else { Self::STANDARD };
         (value <= most).then_some(Self { value, extended })
     }

@@ -68,6 +68,8 @@ pub(super) struct Signal {
     pub(super) kind: Kind,
     pub(super) factor: Number,
     pub(super) offset: Number,
+    /// Least and greatest physical value; `None` if the file gives none.
+    pub(super) range: Option<[f64; 2]>,
     pub(super) unit: String,
     pub(super) presence: Presence,
 }
@@ -125,6 +127,11 @@ impl Signal {
             Kind::Signed => i128::from(self.signed(bits)),
             Kind::Unsigned | Kind::Float => i128::from(bits),
         })
+    }
+
+    /// True if the DBC file allows this physical value.
+    pub(super) fn is_in_range(&self, value: f64) -> bool {
+        self.range.is_none_or(|[low, high]| (low..=high).contains(&value))
     }
 
     fn signed(&self, bits: u64) -> i64 {
@@ -208,6 +215,7 @@ mod tests {
             kind,
             factor: number("1"),
             offset: number("0"),
+            range: None,
             unit: String::new(),
             presence: Presence::Always,
         }

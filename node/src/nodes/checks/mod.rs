@@ -2,7 +2,7 @@
 //! would do.
 //!
 //! ```text
-//! configuration ─→ model, network (domain, ports, multicast, others, Zenoh), system (clock, timer, priority, files) ─→ findings
+//! configuration ─→ model, CAN bus, network (domain, ports, multicast, others, Zenoh), system (clock, timer, priority, files) ─→ findings
 //! ```
 
 mod network;
@@ -12,6 +12,8 @@ use crate::estimation::models;
 use crate::process::hardened;
 use crate::settings::config::{Config, Damper};
 use crate::settings::interrupt::Interrupt;
+use crate::streams::can::CanSetup;
+use crate::streams::source::TOPICS;
 use serde::Serialize;
 
 /// Severity of a finding.
@@ -81,6 +83,7 @@ pub fn examine(dampers: &[Damper], interrupt: &Interrupt, mut report: impl FnMut
     let Some(Damper { config, args }) = dampers.first() else { return };
     report(libraries());
     dampers.iter().for_each(|damper| report(model(damper)));
+    dampers.iter().filter_map(can).for_each(&mut report);
     network::domain(config).into_iter().for_each(&mut report);
     network::environment(config).into_iter().for_each(&mut report);
     report(network::multicast(config));
@@ -130,6 +133,25 @@ fn model(Damper { config, args }: &Damper) -> Finding {
             Finding::ok(&what, format!("{} loads; ARX model: {seeded}", names.free))
         }
         Err(error) => Finding::failure(&what, error.to_string()),
+    }
+}
+
+/// The CAN bus of a damper, if it has one. Nothing is sent to it.
+fn can(Damper { config, args }: &Damper) -> Option<Finding> {
+    let what = format!("CAN bus of {}", args.full_name());
+    let opened = CanSetup::of(config, &TOPICS, None).and_then(|setup| {
+        let Some(setup) = setup else { return Ok(None) };
+        let inputs = setup.inputs.ids();
+        setup.bus.receiver(&inputs)?;
+        let outputs =
+            [&setup.estimate, &setup.command].into_iter().flatten().map(|message| message.name().to_owned());
+        let outputs: Vec<String> = outputs.collect();
+        let sent = if outputs.is_empty() { "nothing".to_owned() } else { outputs.join(", ") };
+        Ok(Some(format!("{} opens; {} messages of inputs; it sends {sent}", setup.interface, inputs.len())))
+    });
+    match opened {
+        Ok(found) => found.map(|found| Finding::ok(&what, found)),
+        Err(error) => Some(Finding::failure(&what, error.to_string())),
     }
 }
 

@@ -1,8 +1,8 @@
 //! Command-line flags generated from the parameter table.
 
 use super::table::groups;
-use super::{TABLE, Value};
-use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
+use super::{ParameterKind, TABLE, Value};
+use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 
 /// Parameters that were given as flags, in the order of the table.
 #[derive(Debug, Clone, Default)]
@@ -20,12 +20,26 @@ impl FromArgMatches for ParameterFlags {
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
         for parameter in TABLE.iter() {
-            if let Some(text) = matches.get_one::<String>(parameter.name) {
-                self.given.push((parameter.name, Value::parse(text)));
+            if let Some(texts) = matches.get_many::<String>(parameter.name) {
+                let values: Vec<Value> = texts.map(|text| Value::parse(text)).collect();
+                self.given.push((parameter.name, joined(values)));
             }
         }
         Ok(())
     }
+}
+
+/// The value of a flag. If the flag of a list is given several times, the items are joined.
+fn joined(mut values: Vec<Value>) -> Value {
+    if values.len() == 1 {
+        return values.remove(0);
+    }
+    let items = values.into_iter().flat_map(|value| match value {
+        Value::TextList(items) => items,
+        Value::Text(text) => vec![text],
+        other => vec![other.to_string()],
+    });
+    Value::TextList(items.collect())
 }
 
 impl Args for ParameterFlags {
@@ -35,8 +49,14 @@ impl Args for ParameterFlags {
             let members = TABLE.iter().filter(|parameter| parameter.group() == group);
             members.fold(command, |command, parameter| {
                 let flag: &'static str = Box::leak(parameter.flag().into_boxed_str());
+                // The items of a list may be given one by one.
+                let action = match parameter.kind {
+                    ParameterKind::TextList => ArgAction::Append,
+                    _ => ArgAction::Set,
+                };
                 command.arg(
                     Arg::new(parameter.name)
+                        .action(action)
                         .long(flag)
                         .value_name("VALUE")
                         .allow_hyphen_values(true)
@@ -76,5 +96,31 @@ impl Args for UnlistedParameterFlags {
 
     fn augment_args_for_update(command: Command) -> Command {
         Self::augment_args(command)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_may_be_given_item_by_item_or_as_a_whole() {
+        let given = |args: &[&str]| {
+            let command = ParameterFlags::augment_args(Command::new("node"));
+            let matches = command.try_get_matches_from(["node"].iter().chain(args)).expect("good flags");
+            ParameterFlags::from_arg_matches(&matches).expect("good flags").given
+        };
+        let list = |items: &[&str]| Value::TextList(items.iter().map(|item| (*item).to_owned()).collect());
+        for (args, value) in [
+            (&["--map", "displacement=A.B"][..], Value::Text("displacement=A.B".to_owned())),
+            (
+                &["--map", "displacement=A.B,sign=-1", "--map", "coil_current=C"],
+                list(&["displacement=A.B,sign=-1", "coil_current=C"]),
+            ),
+            (&["--map", "[displacement=A.B, coil_current=C]"], list(&["displacement=A.B", "coil_current=C"])),
+        ] {
+            assert_eq!(given(args), [("can.map", value)], "{args:?}");
+        }
+        assert_eq!(given(&["--can", "can0", "--dbc", "car.dbc"]).len(), 2);
     }
 }

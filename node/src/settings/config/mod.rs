@@ -70,6 +70,30 @@ impl Default for StandardSettings {
     }
 }
 
+/// The use of a CAN bus.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CanSettings {
+    /// The interface; empty: no bus.
+    pub interface: String,
+    /// DBC files that describe the messages of the bus.
+    pub dbc: Vec<String>,
+    /// Inputs, each with its signal: `displacement=SUSP_FL.Position`.
+    pub map: Vec<String>,
+    /// Messages whose alive counter and checksum are checked: `SUSP_FL,counter=Alive,checksum=Crc`.
+    pub check: Vec<String>,
+    /// Outputs, each with its message and signals: `force_estimate=DAMPER_FL,force=Force`.
+    pub out: Vec<String>,
+    /// Shortest time between two frames of one output, s.
+    pub period_s: f64,
+}
+
+impl Default for CanSettings {
+    fn default() -> Self {
+        let (dbc, map, check, out) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { interface: String::new(), dbc, map, check, out, period_s: 0.01 }
+    }
+}
+
 /// Settings of the Zenoh mirror.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZenohSettings {
@@ -167,6 +191,8 @@ pub struct Config {
     pub qos: Overrides,
     /// Outputs as standard messages.
     pub standard: StandardSettings,
+    /// CAN bus.
+    pub can: CanSettings,
     /// Zenoh mirror.
     pub zenoh: ZenohSettings,
 }
@@ -207,6 +233,7 @@ impl Default for Config {
             discovery_peers: Vec::new(),
             qos: Overrides::default(),
             standard: StandardSettings::default(),
+            can: CanSettings::default(),
             zenoh: ZenohSettings {
                 listen: Vec::new(),
                 connect: Vec::new(),

@@ -57,10 +57,16 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    /// The name as a flag: `force_timeout_s` is `--force-timeout-s`, `zenoh.listen` is `--zenoh-listen`.
+    /// The name as a flag: `force_timeout_s` is `--force-timeout-s`, `zenoh.listen` is `--zenoh-listen`. Three flags are shorter: those
+    /// that other programs and commands have, too.
     #[must_use]
     pub fn flag(&self) -> String {
-        self.name.replace(['.', '_'], "-")
+        match self.name {
+            "can.interface" => "can".to_owned(),
+            "can.dbc" => "dbc".to_owned(),
+            "can.map" => "map".to_owned(),
+            name => name.replace(['.', '_'], "-"),
+        }
     }
 
     /// The value without any configuration, as text; `None` if that is empty.
@@ -290,6 +296,7 @@ macro_rules! input {
     };
 }
 
+mod can;
 mod group;
 mod list;
 

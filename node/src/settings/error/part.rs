@@ -10,6 +10,11 @@ pub trait PartError: std::error::Error + Send + Sync + 'static {
     fn reason(&self) -> Option<serde_json::Value> {
         None
     }
+
+    /// True if the arguments or parameters are wrong.
+    fn is_wrong_usage(&self) -> bool {
+        false
+    }
 }
 
 /// Makes a variant transparent: it has the sentence and the cause of the part's error.

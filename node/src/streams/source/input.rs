@@ -8,7 +8,7 @@ use mr_damper_msgs::{
 };
 
 /// The input topics. The first one is polled first; `ros.rs` explains the order.
-pub(super) const TOPICS: [&str; 8] = [
+pub const TOPICS: [&str; 8] = [
     "displacement",
     "coil_current",
     "command_voltage",

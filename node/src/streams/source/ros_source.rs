@@ -1,4 +1,5 @@
-//! Samples from ROS topics, combined with samples from Zenoh: inputs from rmw_zenoh, and demanded forces.
+//! Samples from ROS topics, combined with samples that other threads receive: inputs from rmw_zenoh and from a CAN bus, and demanded
+//! forces from Zenoh.
 //!
 //! One thread waits on all input topics. It polls displacement first and all other topics after it: what a peer sent
 //! before a displacement has arrived by then, and is sorted before it. If the peer's middleware sent messages in
@@ -19,7 +20,7 @@ use crate::ros2::graph::Writer;
 use crate::ros2::participant::Ros;
 use crate::settings::config::{Config, InputConfig, RosArgs};
 use crate::settings::error::NodeError;
-use crate::streams::source::zenoh::ZenohInputs;
+use crate::streams::source::zenoh::OtherInputs;
 use futures::stream::{LocalBoxStream, Stream, StreamExt};
 use mr_damper_base::clock::system_now;
 use mr_damper_base::worker::{Stop, Worker};
@@ -104,7 +105,7 @@ impl RosSource {
         args: &RosArgs,
         config: &Config,
         control: &Arc<Control>,
-        zenoh: ZenohInputs,
+        others: OtherInputs,
         frame: Frame,
         samples: SampleSink,
     ) -> Result<Self, NodeError> {
@@ -120,7 +121,7 @@ impl RosSource {
             channels,
             clock: ros.subscribe(&args.topic("/clock"))?,
             control: Arc::clone(control),
-            zenoh,
+            others,
             frame,
             samples,
             collator: Collator::new(wait),
@@ -251,7 +252,7 @@ struct SourceThread {
     channels: Vec<InputChannel>,
     clock: Subscription<Clock>,
     control: Arc<Control>,
-    zenoh: ZenohInputs,
+    others: OtherInputs,
     frame: Frame,
     samples: SampleSink,
     collator: Collator,
@@ -291,7 +292,7 @@ impl PollingRound<'_> {
 
 impl SourceThread {
     fn run(self, stop: &Stop) {
-        let Self { channels, clock, control, mut zenoh, frame, mut samples, mut collator, counters } = self;
+        let Self { channels, clock, control, mut others, frame, mut samples, mut collator, counters } = self;
         let waker = Waker::from(Arc::new(Unpark(std::thread::current())));
         let mut streams: Vec<_> = channels.iter().map(|channel| (channel, channel.values())).collect();
         let mut histories: Vec<ChannelHistory> = channels.iter().map(|_| ChannelHistory::default()).collect();
@@ -330,14 +331,16 @@ impl SourceThread {
                     }
                 }
             }
-            while !round.is_full()
-                && let Ok(arrived) = zenoh.samples.try_recv()
-            {
-                counters.messages.fetch_add(1, Ordering::Relaxed);
-                round.take(arrived.input, &arrived.number, &arrived.origin);
+            for queue in [&others.samples, &others.can] {
+                while !round.is_full()
+                    && let Ok(arrived) = queue.try_recv()
+                {
+                    counters.messages.fetch_add(1, Ordering::Relaxed);
+                    round.take(arrived.input, &arrived.number, &arrived.origin);
+                }
             }
             while !round.is_full()
-                && let Ok((stamp, force)) = zenoh.forces.pop()
+                && let Ok((stamp, force)) = others.forces.pop()
             {
                 let reading = Reading::ForceRequest(force);
                 round.batch.push(Sample { stamp: stamp.unwrap_or(received), received, reading });

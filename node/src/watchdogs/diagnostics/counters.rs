@@ -1,6 +1,7 @@
 //! The counters of all threads of a damper, and the losses that they show.
 
 use crate::estimation::estimator::EstimatorCounters;
+use crate::streams::can::CanCounters;
 use crate::streams::sink::ros_sink::RosSinkCounters;
 use crate::streams::source::ros_source::SourceCounters;
 use mr_damper_base::realtime::Scheduling;
@@ -16,6 +17,8 @@ pub struct Counters {
     pub source: Arc<SourceCounters>,
     /// Of the ROS sink.
     pub ros_sink: Arc<RosSinkCounters>,
+    /// Of the CAN bus, if there is one.
+    pub can: Option<Arc<CanCounters>>,
     /// Events lost because the ring between the estimating thread and a sink was full, by sink.
     pub rings: Vec<(&'static str, Arc<AtomicU64>)>,
     /// Scheduling of the counting threads.
@@ -34,7 +37,9 @@ impl Counters {
             ("late_commands", &self.ros_sink.late_commands),
         ];
         let others = others.into_iter().map(|(name, count)| (name.to_owned(), read(count)));
-        others.chain(rings).collect()
+        let can = self.can.iter().flat_map(|can| can.losses());
+        let can = can.map(|(name, count)| (format!("can_{name}"), count));
+        others.chain(can).chain(rings).collect()
     }
 
     /// The sum of all losses.

@@ -120,6 +120,10 @@ impl NodeStatus {
             level = level.max(DiagnosticStatus::WARN);
             message += &what;
         }
+        if counters.can.as_ref().is_some_and(|can| can.is_off()) {
+            level = level.max(DiagnosticStatus::ERROR);
+            message += "; the controller is off the CAN bus: no inputs arrive from it, and no commands are sent to it";
+        }
         if let Some(advice) = substituted_advice(std::mem::take(&mut self.commanded)) {
             level = level.max(DiagnosticStatus::WARN);
             message += &format!("; {advice}");
@@ -169,6 +173,11 @@ impl NodeStatus {
             values.push(value(&format!("publishers_of_{name}"), publishers.nodes.join(", ")));
         }
         values.extend(losses.iter().map(|(name, count)| value(name, count)));
+        if let Some(can) = &counters.can {
+            let others = can.values().into_iter().map(|(name, count)| (format!("can_{name}"), count));
+            let others = others.filter(|(name, _)| !losses.iter().any(|(loss, _)| loss == name));
+            values.extend(others.map(|(name, count)| value(&name, count)));
+        }
         self.lost = losses;
         for (why, count) in Refused::ALL.iter().zip(self.refused).filter(|(_, count)| *count > 0) {
             values.push(value(&format!("refused_{}", why.name()), count));
@@ -261,6 +270,16 @@ fn why_lost(name: &str) -> &'static str {
             "the thread that publishes was delayed; free the processor or raise realtime_priority"
         }
         "lost_mirror" => "the Zenoh mirror was delayed; see its status",
+        "can_late_commands" | "can_late_estimates" => {
+            "what missed deadline_s was not sent to the CAN bus; free the processor or raise realtime_priority"
+        }
+        "can_queue_full" | "can_not_sent" => "frames were not sent to the CAN bus; see the log",
+        "can_not_representable" => {
+            "forces or currents do not fit the range of their CAN signal; widen it in the DBC file"
+        }
+        "lost_can" | "lost_can_commands" => {
+            "the thread that sends to the CAN bus was delayed; free the processor"
+        }
         "lost_history" => "the history and the log have a gap; free the processor",
         _ => "a thread that reads the node's events was delayed",
     }

@@ -3,7 +3,7 @@
 use super::Parameter;
 
 /// Titles of the groups, in the order of `--help`, with the parameters of each: whole names, or first parts that end in a dot.
-const GROUPS: [(&str, &[&str]); 10] = [
+const GROUPS: [(&str, &[&str]); 11] = [
     (
         "Node",
         &[
@@ -50,6 +50,7 @@ const GROUPS: [(&str, &[&str]); 10] = [
         ],
     ),
     ("Outputs as standard messages", &["standard."]),
+    ("CAN bus", &["can."]),
     ("Zenoh mirror", &["zenoh."]),
     // A parameter that no group lists. A test asserts that there is none.
     (OTHER, &[]),

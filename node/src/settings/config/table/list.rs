@@ -506,6 +506,7 @@ pub(super) fn all() -> impl Iterator<Item = Parameter> {
         .chain(PLAUSIBLE)
         .chain(INPUTS.into_iter().flatten())
         .chain(STANDARD)
+        .chain(super::can::CAN)
         .chain(ZENOH)
 }
 

@@ -14,7 +14,8 @@
 use crate::settings::config::{Config, RosArgs};
 use crate::settings::error::NodeError;
 use crate::streams::sink::zenoh::{RmwCounters, RmwPresence};
-use crate::streams::source::input::{Number, ReadNumber, Reader, TOPICS};
+use crate::streams::source::input::{ReadNumber, Reader, TOPICS};
+use crate::streams::source::queued::QueuedInput;
 use crate::streams::source::ros_source::{RosSource, SourceCounters};
 use crate::streams::source::stamp::SampleOrigin;
 use crate::zenoh::rmw::{Attachment, AttachmentError, Gid, Publisher, Role, gid};
@@ -24,7 +25,7 @@ use mr_damper_base::shown;
 use mr_damper_base::worker::{Stop, Worker};
 use mr_damper_msgs::{CdrError, Descriptor};
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::Thread;
 use std::time::Duration;
@@ -33,30 +34,12 @@ use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
-/// Samples that can wait for the source thread: a second of four inputs at 1 kHz. Further samples are refused and
-/// counted.
-const WAITING: usize = 4096;
 /// Longest message, bytes: a `JointState` with a hundred joints needs a tenth of it.
 const LONGEST: usize = 65_536;
 /// How often the thread checks whether the session is open.
 const LOOK: Duration = Duration::from_millis(50);
 /// Sleep of the thread once everything is declared; it then only waits for its end.
 const REST: Duration = Duration::from_secs(60);
-
-/// A number that arrived for an input.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RmwInput {
-    /// Index of the input topic.
-    pub(in crate::streams::source) input: usize,
-    pub(in crate::streams::source) number: Number,
-    pub(in crate::streams::source) origin: SampleOrigin,
-}
-
-/// The queue from Zenoh's threads to the source thread.
-#[must_use]
-pub fn queue() -> (SyncSender<RmwInput>, Receiver<RmwInput>) {
-    sync_channel(WAITING)
-}
 
 /// The running inputs.
 pub struct RmwSource(Worker);
@@ -79,7 +62,7 @@ impl RmwSource {
         args: &RosArgs,
         config: &Config,
         source: &RosSource,
-        queue: &SyncSender<RmwInput>,
+        queue: &SyncSender<QueuedInput>,
     ) -> Result<Self, NodeError> {
         let plan = |(input, name): (usize, &'static str)| {
             let reader = Reader::of(name, &config.input(name).cloned().unwrap_or_default())?;
@@ -182,7 +165,7 @@ struct InputEndpoint {
     name: &'static str,
     input: usize,
     reader: Reader,
-    queue: SyncSender<RmwInput>,
+    queue: SyncSender<QueuedInput>,
     /// Publisher and number of the last sample. Zenoh calls from several threads.
     last: Mutex<Option<(Gid, i64)>>,
     waker: Option<Thread>,
@@ -214,7 +197,7 @@ impl InputEndpoint {
         let (input, name) = (self.input, self.name);
         let handed_on = self.read(sample).and_then(|(taken, origin)| {
             let number = taken.ok_or(InputError::NoJoint)?;
-            let arrived = RmwInput { input, number, origin };
+            let arrived = QueuedInput { input, number, origin };
             self.queue.try_send(arrived).map_err(|_| InputError::QueueFull)
         });
         match handed_on {
