@@ -3,6 +3,7 @@
 
 use crate::domain::Domain;
 use crate::turn::turn;
+use crate::zenoh_support;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_msgs::standard::{Header, Time};
 use mr_damper_msgs::{Displacement, Force, ForceEstimate, cdr};
@@ -222,6 +223,30 @@ fn live_estimates_are_bit_identical_to_the_topics_and_ctrl_c_disconnects_viewers
     service.stop().expect("no thread panicked");
     drop(estimates);
     ros.stop();
+}
+
+#[test]
+fn the_mirror_on_zenoh_is_passed_on_under_the_names_of_ros() {
+    let _turn = turn(module_path!());
+    let mut rig = zenoh_support::Rig::start();
+    let page = ["--listen", "127.0.0.1:0", "--foxglove=127.0.0.1:0"];
+    let endpoint = Endpoint::start(&[&["serve", "--zenoh", &rig.endpoint][..], &page].concat());
+    let mut viewer = Viewer::connect(&endpoint);
+    let topic = format!("/{}/force_estimate", zenoh_support::DAMPER);
+    let mut k = 0;
+    viewer.read_until("estimates", |viewer| {
+        rig.feeder.push(zenoh_support::displacement(k * 1_000_000));
+        rig.feeder.push(zenoh_support::estimate(k * 1_000_000, k as f64));
+        k += 1;
+        viewer.count(&topic) >= 3
+    });
+    for (time, bytes) in &viewer.received[&topic] {
+        let estimate = cdr::from_slice::<ForceEstimate>(bytes).expect("readable");
+        assert_eq!(estimate.header.stamp.as_nanos() as u64, *time);
+        assert_eq!(estimate.force, (time / 1_000_000) as f64, "the estimate of its stamp");
+    }
+    assert_eq!(viewer.info["capabilities"], json!([]), "the mirror carries no parameters");
+    endpoint.interrupt();
 }
 
 /// Writes a bag of displacements, an estimate, and a topic of an unknown type; returns the messages by topic.

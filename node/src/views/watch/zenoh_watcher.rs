@@ -400,5 +400,7 @@ mod tests {
         assert!(decode("displacement", b"{}").is_err() && decode("mode", b"\xff").is_err());
         assert_eq!(parts("mr_damper/front/left/web/mode"), Some(("front/left", "mode")));
         assert_eq!(parts("mr_damper/left/state/mode"), None);
+        assert_eq!(ros_topic("front/left", "mode"), "/front/left/mode");
+        assert_eq!(ros_topic("mr_damper", "mode"), "/mode", "the name of a damper in the root namespace");
     }
 }

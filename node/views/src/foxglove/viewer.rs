@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 /// Shortest time between two reports of dropped messages.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
-/// The sentence for which Lichtblick has advice. It has no number, because viewers list each sentence once.
+/// The sentence for which Lichtblick has advice. A viewer gets it once, because PlotJuggler opens a window for each status.
 const DROPPED: &str = "Send buffer limit reached";
 /// Longest time for the end of a connection.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
@@ -21,6 +21,14 @@ pub(super) async fn converse(socket: WebSocket, channels: &Channels, viewer: &Vi
     tokio::select! {
         () = answer(stream, channels, viewer) => {}
         () = send(&mut sink, viewer) => {}
+    }
+    let dropped = viewer.take_dropped();
+    if dropped > 0 {
+        tracing::warn!(
+            viewer = viewer.number(),
+            messages = dropped,
+            "messages were dropped before the viewer left, because it did not read them"
+        );
     }
     // The viewer may have gone already.
     let _ = tokio::time::timeout(CLOSE_WITHIN, sink.close()).await;
@@ -88,7 +96,9 @@ async fn send(sink: &mut SplitSink<WebSocket, Message>, viewer: &Viewer) {
                 messages = dropped,
                 "a viewer reads too slowly: its oldest messages were dropped"
             );
-            viewer.status(Level::Warning, DROPPED);
+            if reported.is_none() {
+                viewer.status(Level::Warning, DROPPED);
+            }
             (reported, dropped) = (Some(Instant::now()), 0);
         }
     }
