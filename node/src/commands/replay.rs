@@ -65,7 +65,7 @@ pub struct Args {
     /// Allow a --foxglove address beyond loopback, without password and encryption.
     #[arg(long, requires = "foxglove")]
     pub any_host: bool,
-    /// Allow web pages of exactly this origin (e.g. https://app.foxglove.dev) to connect to --foxglove. May be given several
+    /// Allow web pages of exactly this origin (e.g. `https://app.foxglove.dev`) to connect to --foxglove. May be given several
     /// times.
     #[arg(long, value_name = "URL", requires = "foxglove")]
     pub allow_origin: Vec<AllowedOrigin>,

@@ -57,7 +57,7 @@ pub struct Args {
     /// encryption.
     #[arg(long)]
     pub any_host: bool,
-    /// Allow web pages of exactly this origin (e.g. https://app.foxglove.dev) to read /events and /snapshot, but nothing of the
+    /// Allow web pages of exactly this origin (e.g. `https://app.foxglove.dev`) to read /events and /snapshot, but nothing of the
     /// workshop, and to connect to --foxglove. May be given several times.
     #[arg(long, value_name = "URL")]
     pub allow_origin: Vec<AllowedOrigin>,

@@ -67,7 +67,7 @@ impl Drop for Endpoint {
     }
 }
 
-/// What a viewer received: payloads with their log times, by topic.
+/// The messages that a viewer received: payloads with their log times, by topic.
 type Received = BTreeMap<String, Vec<(u64, Vec<u8>)>>;
 
 /// A viewer that subscribes to every channel.
@@ -295,9 +295,9 @@ fn a_bag_is_played_with_all_messages_of_known_types_and_its_own_times() {
     let mut viewer = Viewer::connect(&endpoint);
     viewer.read_until("all estimates", |viewer| viewer.count("/left/force_estimate") == 100);
     assert_eq!(viewer.info["capabilities"], json!(["time"]));
-    assert_eq!(viewer.received, written, "bytes, times and order are those of the bag");
+    assert_eq!(viewer.received, written, "bytes, times and order are the same as in the bag");
     let log_times: Vec<u64> = written["/left/displacement"].iter().map(|(time, _)| *time).collect();
-    assert_eq!(viewer.times, log_times, "each time is told once, before its messages");
+    assert_eq!(viewer.times, log_times, "each time is sent once, before its messages");
     // Playing has ended, and the viewer stays connected.
     viewer.socket.send(Message::Text(r#"{"op": "setParameters"}"#.into())).expect("sent");
     let refusal = loop {

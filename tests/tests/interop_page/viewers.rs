@@ -113,7 +113,7 @@ fn a_viewer_decodes_every_channel_and_gets_the_estimates_bit_identical() {
             let differs = seen.iter().zip(&raw).position(|(seen, raw)| !is_same_message(seen, raw));
             let first = differs.map(|at| (at, &seen[at], &raw[at]));
             assert_eq!(first, None, "an estimate at a viewer, and on the wire");
-            // Each displacement of the run causes an estimate. The node goes on with held estimates, and rclpy listens longer.
+            // Each displacement of the run causes an estimate. Held estimates follow, and rclpy listens longer.
             assert!(
                 seen.len() as u64 >= rows && raw.len() >= seen.len(),
                 "{} of {} estimates",

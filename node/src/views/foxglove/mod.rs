@@ -1,4 +1,4 @@
-//! What feeds the Foxglove endpoint (`mr_damper_views::foxglove`): the messages that the watchers receive, or a recording.
+//! The data of the Foxglove endpoint (`mr_damper_views::foxglove`): the messages that the watchers receive, or a recording.
 //!
 //! ```text
 //! watch/ ───────────→ live.rs ──────┬→ Channels ─→ viewers

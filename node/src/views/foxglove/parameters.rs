@@ -1,6 +1,6 @@
 //! Reads the parameters of dampers' nodes over ROS, for viewers that ask for them.
 //!
-//! The names are those of this project's table, so the nodes need not list them. Values are asked for a few at a time, because longer answers
+//! The names come from this project's table, so the nodes need not list them. Values are asked for a few at a time, because longer answers
 //! do not arrive from other hosts (`docs/decisions/0006-answers-between-hosts.md`). Nothing here waits: each step is a poll.
 
 use crate::ros2::participant::{ClientOf, Ros, RosMessage};
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 /// Number of parameters in a request. A value takes about 100 bytes, and an answer of 1372 bytes arrives everywhere.
 const AT_ONCE: usize = 8;
-/// Time after which a request without an answer is given up. The next reading begins anew.
+/// Time after which a request without an answer is given up. The next reading starts with the first parameter.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Time between two readings while a viewer that has asked is connected.
 const READ_EVERY: Duration = Duration::from_secs(5);
@@ -29,7 +29,7 @@ pub struct ParameterReader {
 }
 
 enum State {
-    /// Nothing is asked for; the time is that of the last reading.
+    /// No reading is under way; the time of the last one.
     Idle(Option<Instant>),
     /// Some values are there, and those behind them are asked for with the next request.
     Asking(Vec<Parameter>),

@@ -50,7 +50,7 @@ impl<'a> PlayedRecording<'a> {
             if at_s >= end_s || timing.next(first, at_s, |_, _| LOOK_EVERY) != Next::Play {
                 break;
             }
-            // Viewers take the time of a message from the time that they were told last.
+            // A viewer assigns to a message the last time that it received.
             if told != Some(message.log_time) {
                 self.channels.publish_time(message.log_time.nanos());
                 told = Some(message.log_time);

@@ -129,7 +129,7 @@ impl Viewer {
 }
 
 impl Channels {
-    /// Channels for live messages, whose times are those of their headers. `has_parameters` says that the caller reads parameters when a
+    /// Channels for live messages, whose times are the stamps in their headers. `has_parameters` says that the caller reads parameters when a
     /// viewer asks for them ([`Channels::take_parameter_request`]).
     #[must_use]
     pub fn live(session: String, has_parameters: bool) -> Self {
@@ -278,7 +278,10 @@ impl Channels {
         for id in subscriptions {
             let ended = locked(&viewer.queue).unsubscribe(*id);
             if !ended {
-                viewer.status(Level::Warning, &format!("there is no subscription {id} to end"));
+                viewer.status(
+                    Level::Warning,
+                    &format!("subscription {id} does not exist, so it was not ended"),
+                );
             }
         }
     }
@@ -288,7 +291,7 @@ impl Channels {
         self.has_parameters
     }
 
-    /// Replies with the known values of the parameters `names`, or of all if there are no names, and requests the present ones.
+    /// Replies with the known values of the parameters `names`, or of all if `names` is empty, and requests the present ones.
     pub(super) fn send_parameters(&self, viewer: &Viewer, names: &[String], id: Option<&str>) {
         let state = locked(&self.state);
         let is_asked = |name: &String| names.is_empty() || names.contains(name);

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 /// The value of a node's parameter in the protocol's form.
 ///
-/// A number that JSON does not have (NaN, infinite) has no value, and neither has a list of bytes; a node of this project has none.
+/// The value is left out for a number that JSON does not have (NaN, infinite), and for a list of bytes, which no node of this project has.
 pub(super) fn parameter_value(name: String, parameter: &rcl::ParameterValue) -> ParameterValue {
     use rcl::ParameterValue as Ros;
     let doubles = &parameter.double_array_value;

@@ -18,14 +18,14 @@ const TIME: u8 = 2;
 /// A message that a viewer sent is cut to this many characters before it is shown.
 const SHOWN: usize = 80;
 
-/// What a viewer asks for.
+/// A request of a viewer.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Request {
     /// Messages of channels.
     Subscribe(Vec<Subscription>),
     /// No more messages of these subscriptions.
     Unsubscribe(Vec<u32>),
-    /// Values of parameters; of all if there are no names.
+    /// Values of parameters; of all if the list of names is empty.
     GetParameters(Vec<String>, Option<String>),
     /// A change of parameters, with the id of the request, and their names.
     SetParameters(Vec<String>, Option<String>),

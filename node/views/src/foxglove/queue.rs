@@ -32,7 +32,9 @@ impl Waiting {
 /// Why a subscription is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum SubscribeError {
-    #[error("subscription {id}: there is no channel {channel}; subscribe to a channel that was advertised")]
+    #[error(
+        "subscription {id}: channel {channel} does not exist; subscribe to a channel that was advertised"
+    )]
     NoChannel { id: u32, channel: u32 },
     #[error("subscription {id} exists already; unsubscribe first or choose another number")]
     Taken { id: u32 },

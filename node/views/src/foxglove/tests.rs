@@ -301,7 +301,7 @@ fn subscribers_get_all_bytes_and_later_viewers_the_kept_message() {
     // The reply to the wrong subscription says that the right one is in effect.
     let refusal = viewer.json();
     assert_eq!((&refusal["op"], &refusal["level"]), (&json!("status"), &json!(2)));
-    assert!(refusal["message"].as_str().expect("a text").contains("no channel 9"), "{refusal}");
+    assert!(refusal["message"].as_str().expect("a text").contains("channel 9 does not exist"), "{refusal}");
     assert!(endpoint.channels.is_wanted(endpoint.x));
     let bytes = force(-512.25);
     endpoint.channels.publish(endpoint.x, 1_000_000_002, &bytes);
