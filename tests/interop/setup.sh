@@ -2,7 +2,7 @@
 # Prepares the peers of the interop tests: two real ROS 2 distributions with our messages compiled in, and one environment with
 # CycloneDDS, Zenoh and the bag readers.
 #
-# usage: setup.sh [jazzy] [kilted] [peers] [secure] [cyclone] [router] [axe]      (default: the first three)
+# usage: setup.sh [jazzy] [kilted] [peers] [secure] [cyclone] [router] [axe] [viewer]      (default: the first three)
 #
 # Everything is installed under $MR_DAMPER_INTEROP_DIR (default /var/tmp/mr-damper-interop):
 #   jazzy/venv   jazzy/msgs     rclpy and its dependencies from wheels; mr_damper_msgs built against them
@@ -12,6 +12,7 @@
 #   cyclone/secure_cyclone      a peer on Debian's CycloneDDS with DDS-Security; needs cyclonedds-dev, cyclonedds-tools and openssl
 #   router/fleet-router         a Zenoh router with a storage; needs Rust, and takes a few minutes to build
 #   axe/node_modules            axe-core, which checks the accessibility of the live page; needs npm
+#   viewer/node_modules         the Foxglove WebSocket client and the decoder that Lichtblick uses; needs npm
 # A part is skipped if its stamp matches these requirements, the interface files, this script and this Python. Delete the directory
 # to start over.
 #
@@ -56,8 +57,8 @@ fingerprint() {
       { rustc --version && cat "$here"/router/{Cargo.toml,Cargo.lock,src/main.rs} "${BASH_SOURCE[0]}"; } | sha256sum | cut -d' ' -f1
       return
       ;;
-    axe)
-      cat "$here"/axe/package{,-lock}.json "${BASH_SOURCE[0]}" | sha256sum | cut -d' ' -f1
+    axe | viewer)
+      cat "$here/$part"/package{,-lock}.json "${BASH_SOURCE[0]}" | sha256sum | cut -d' ' -f1
       return
       ;;
   esac
@@ -153,11 +154,13 @@ Attachment().serialize()' || die "pyzeros does not work in $base/peers; its mess
   fi
 }
 
-install_axe() {
+install_npm() {
+  local part=$1
   command -v npm >/dev/null || die "npm is missing; on Debian: apt-get install npm"
-  cp "$here"/axe/package{,-lock}.json "$base/axe/"
-  # The lock file has the checksum of the only package.
-  npm ci --prefix "$base/axe" --ignore-scripts --no-audit --no-fund --silent || die "npm could not install tests/interop/axe/package.json"
+  cp "$here/$part"/package{,-lock}.json "$base/$part/"
+  # The lock file has the checksums of the packages.
+  npm ci --prefix "$base/$part" --ignore-scripts --no-audit --no-fund --silent ||
+    die "npm could not install tests/interop/$part/package.json"
 }
 
 prepare() {
@@ -178,8 +181,8 @@ prepare() {
     build_cyclone_peer
   elif [ "$part" = router ]; then
     build_router
-  elif [ "$part" = axe ]; then
-    install_axe
+  elif [ "$part" = axe ] || [ "$part" = viewer ]; then
+    install_npm "$part"
   else
     install_requirements "$part"
     if [ "$part" != peers ]; then
@@ -196,9 +199,9 @@ check_tools
 [ $# -gt 0 ] || set -- jazzy kilted peers
 for part in "$@"; do
   case $part in
-    jazzy | kilted | peers | secure | cyclone | router | axe) (prepare "$part") ;;
+    jazzy | kilted | peers | secure | cyclone | router | axe | viewer) (prepare "$part") ;;
     *)
-      say "unknown part '$part'; parts are jazzy, kilted, peers, secure, cyclone, router, axe"
+      say "unknown part '$part'; parts are jazzy, kilted, peers, secure, cyclone, router, axe, viewer"
       exit 2
       ;;
   esac

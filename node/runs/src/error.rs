@@ -315,6 +315,12 @@ pub enum RunError {
         /// The reason, and advice.
         why: String,
     },
+    /// No message of a bag can be played.
+    #[error("{}: no message of a type that mr-damper knows; play a bag of `mr-damper record`, or name its channels with --map", path.display())]
+    NoMessages {
+        /// The bag.
+        path: PathBuf,
+    },
     /// The MCAP writer failed.
     #[error("{}: cannot write: {source}{}", path.display(), of_mcap(source))]
     Write {

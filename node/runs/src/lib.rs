@@ -48,6 +48,7 @@ mod metadata;
 mod names;
 mod note;
 mod pack;
+mod recording;
 mod resample;
 mod sign;
 mod sqlite;
@@ -65,6 +66,7 @@ pub use error::{DbcFault, LineFault, MapFault, RunError};
 pub use frame::{Column, Values, from_columns, of_run};
 pub use map::{ColumnMapping, Map, MapError, MapFileError, Mapping};
 pub use note::Note;
+pub use recording::{RecordedMessage, Recording, is_bag};
 pub use sign::{Sign, SignError};
 pub use whole::{write_bytes, write_text};
 

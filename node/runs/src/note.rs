@@ -146,6 +146,13 @@ pub enum Note {
         /// Number of messages.
         count: u64,
     },
+    /// A topic of a bag whose messages are not played, because their type is not known.
+    TypeUnknown {
+        /// The topic.
+        topic: String,
+        /// Type and encoding.
+        kind: String,
+    },
     /// Topics of the bag that do not belong to the run.
     TopicsLeft {
         /// Their names.
@@ -296,6 +303,9 @@ impl fmt::Display for Note {
                     "topic {topic}: {} without a stamp took the time of recording",
                     counted(*count, "message")
                 )
+            }
+            Self::TypeUnknown { topic, kind } => {
+                write!(f, "topic {topic} is left out: mr-damper has no definition of its type, {kind}")
             }
             Self::TopicsLeft { topics } => {
                 write!(f, "not part of the run: {}", topics.join(", "))

@@ -15,7 +15,7 @@ const GROUPS: [(&str, Purposes); 4] = [
         &[
             ("node", "run the ROS 2 service: force estimates from displacement and current"),
             ("doctor", "check what would keep the service from working on this machine"),
-            ("serve", "show dampers live in a browser"),
+            ("serve", "show dampers live in a browser, and to Foxglove and PlotJuggler"),
             ("top", "show dampers live in a terminal"),
             ("replay", "play recorded runs onto the node's input topics"),
             ("record", "record all topics of the dampers into a bag"),

@@ -1,4 +1,6 @@
-//! `mr-damper replay`: plays recorded runs onto the node's input topics.
+//! `mr-damper replay`: plays recorded runs onto the node's input topics, or to viewers.
+
+mod to_viewers;
 
 use crate::commands::context::CliContext;
 use crate::commands::run_args::RunArgs;
@@ -6,9 +8,10 @@ use crate::ros2::participant;
 use crate::settings::config::Config;
 use crate::settings::error::NodeError;
 use crate::streams::player::{Keys, NODE, PlaybackOptions, Played, Player, Rate};
+use crate::views::foxglove::args::FoxgloveArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_base::shown;
-use mr_damper_model::sample::Run;
+use mr_damper_views::serve::AllowedOrigin;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
@@ -22,6 +25,10 @@ use std::time::Duration;
 /// by a tenth, and q ends the command. The services of `ros2 bag play` work too: ~/pause, ~/resume, ~/toggle_paused,
 /// ~/is_paused, ~/get_rate, ~/set_rate, ~/play_next, ~/burst, ~/seek (rosbag2_interfaces), for example
 /// `ros2 service call /mr_damper_replay/pause rosbag2_interfaces/srv/Pause`.
+///
+/// With --foxglove the runs are not played onto topics but to Foxglove, Lichtblick and PlotJuggler, without ROS and with the
+/// recorded times. Of a bag, all messages are played, also estimates. Playing begins when a viewer subscribes to a topic, and
+/// the command then runs until Ctrl-C.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Runs to play, one after the other.
@@ -49,15 +56,49 @@ pub struct Args {
     /// --ros-args -r OLD:=NEW.
     #[arg(long, value_name = "OLD:=NEW")]
     pub remap: Vec<String>,
-    /// Longest time to wait for a subscriber before the first sample, s.
-    #[arg(long, value_name = "S", default_value_t = 5.0)]
-    pub wait: f64,
+    /// Longest time to wait for a subscriber before the first sample, s; by default 5, and with --foxglove without limit.
+    #[arg(long, value_name = "S")]
+    pub wait: Option<f64>,
+    /// Where viewers connect.
+    #[command(flatten)]
+    pub foxglove: FoxgloveArgs,
+    /// Allow a --foxglove address beyond loopback, without password and encryption.
+    #[arg(long, requires = "foxglove")]
+    pub any_host: bool,
+    /// Allow web pages of exactly this origin (e.g. `https://app.foxglove.dev`) to connect to --foxglove. May be given several
+    /// times.
+    #[arg(long, value_name = "URL", requires = "foxglove")]
+    pub allow_origin: Vec<AllowedOrigin>,
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
     #[arg(long, value_name = "ID", default_value_t = -1, value_parser = participant::domain_flag)]
     pub domain_id: i64,
+}
+
+/// Time to wait for a subscriber of ROS, s.
+const WAIT_S: f64 = 5.0;
+
+impl Args {
+    /// The part of each run that is played, and how.
+    fn playback(&self) -> PlaybackOptions {
+        PlaybackOptions {
+            rate: self.rate,
+            start: self.start,
+            duration: self.duration,
+            clock: self.clock.is_some(),
+            clock_hz: self.clock.and_then(|clock| match clock {
+                ClockRate::Hz(hz) => Some(hz),
+                ClockRate::Samples => None,
+            }),
+        }
+    }
+
+    /// Longest time to wait for a subscriber; `None` without limit.
+    fn longest_wait(&self, default_s: Option<f64>) -> Option<Duration> {
+        self.wait.or(default_s).map(|wait| Duration::from_secs_f64(wait.clamp(0.0, 3600.0)))
+    }
 }
 
 /// When /clock is published.
@@ -86,6 +127,9 @@ impl FromStr for ClockRate {
 /// # Errors
 /// When a run does not load or ROS does not start.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    if args.foxglove.foxglove.is_some() {
+        return to_viewers::run(args, context);
+    }
     let config = Config { domain_id: args.domain_id, ..Config::default() };
     context.ros_args.refuse_stray_rules(NODE, &Player::TOPICS, &Player::SERVICES)?;
     let ros_args = context.ros_args.with_topics_renamed(&args.remap, &Player::TOPICS)?;
@@ -99,24 +143,16 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         player.control().pause();
         tracing::info!("started paused: press space, or call ~/resume");
     }
-    if !player.wait_for_listener(Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)), &context.interrupt) {
+    let wait = args.longest_wait(Some(WAIT_S)).unwrap_or_default();
+    if !player.wait_for_listener(wait, &context.interrupt) {
         tracing::warn!("{} has no subscriber yet; playing anyway", ros_args.topic("displacement"));
     }
     let keys = Keys::start(context.quiet);
     let mut played = Played::default();
     'all: loop {
         for run in &runs {
-            let options = PlaybackOptions {
-                rate: args.rate,
-                start: args.start,
-                duration: args.duration,
-                clock: args.clock.is_some(),
-                clock_hz: args.clock.and_then(|clock| match clock {
-                    ClockRate::Hz(hz) => Some(hz),
-                    ClockRate::Samples => None,
-                }),
-            };
-            let bar = progress(run, &options, context.quiet);
+            let options = args.playback();
+            let bar = progress(&run.name, run.duration().get(), &options, context.quiet);
             player.play(run, &options, &mut played, &context.interrupt, keys.as_ref(), &|at_s| {
                 bar.set_position((at_s * 1e3) as u64);
             });
@@ -138,16 +174,16 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     Ok(played.check()?)
 }
 
-fn progress(run: &Run, options: &PlaybackOptions, quiet: bool) -> ProgressBar {
+/// A bar for the run called `name` that lasts `whole_s`.
+fn progress(name: &str, whole_s: f64, options: &PlaybackOptions, quiet: bool) -> ProgressBar {
     if quiet {
         return ProgressBar::hidden();
     }
-    let length_s =
-        options.duration.unwrap_or(f64::INFINITY).min(run.duration().get() - options.start).max(0.0);
+    let length_s = options.duration.unwrap_or(f64::INFINITY).min(whole_s - options.start).max(0.0);
     let style = ProgressStyle::with_template("{msg} [{bar:40}] {percent}% of {prefix}, {eta} left")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new((length_s * 1e3) as u64)
         .with_style(style)
         .with_prefix(format!("{length_s:.0} s"))
-        .with_message(shown::line(&run.name).into_owned())
+        .with_message(shown::line(name).into_owned())
 }

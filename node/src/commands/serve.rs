@@ -1,9 +1,15 @@
 //! `mr-damper serve`: serves a live web page of the dampers. The page is part of the binary.
 
 use crate::commands::context::CliContext;
+use crate::settings::config::RosArgs;
 use crate::settings::error::NodeError;
+use crate::views::foxglove::args::{FoxgloveArgs, print_address};
+use crate::views::foxglove::live::LiveFeed;
+use crate::views::foxglove::parameters::ParameterReader;
 use crate::views::watch::source::{DataSource, SourceArgs};
 use crate::views::workshop::{Workshop, WorkshopSettings};
+use mr_damper_views::ServeError;
+use mr_damper_views::foxglove::FoxgloveServer;
 use mr_damper_views::serve::{
     AllowedOrigin, LiveData, Server, require_loopback, require_loopback_for_workshop,
 };
@@ -37,20 +43,27 @@ const NO_DIAGNOSIS: &str = "dampers are watched through the Zenoh mirror, which 
 /// With --workshop DIR the page can also start work: it lets a damper's node diagnose its model and shows the report, and it
 /// takes recorded runs and replays them through a separate node.
 ///
-/// Examples: mr-damper serve, then open http://127.0.0.1:8330/; mr-damper serve --workshop shop
+/// With --foxglove the programs Foxglove, Lichtblick and PlotJuggler can connect, too, and need neither ROS nor message definitions:
+/// they get all messages with all digits.
+///
+/// Examples: mr-damper serve, then open http://127.0.0.1:8330/; mr-damper serve --workshop shop; mr-damper serve --foxglove, then
+/// connect a viewer to ws://localhost:8765
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Address and port of the page; port 0 selects a free port.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8330")]
     pub listen: SocketAddr,
-    /// Allow a --listen address beyond loopback, so that other machines can watch. The page has no password and no
+    /// Allow addresses beyond loopback for --listen and --foxglove, so that other machines can watch. Neither has a password or
     /// encryption.
     #[arg(long)]
     pub any_host: bool,
-    /// Allow web pages of exactly this origin (e.g. http://localhost:8000) to read /events and /snapshot, but nothing of the
-    /// workshop. May be given several times.
+    /// Allow web pages of exactly this origin (e.g. `https://app.foxglove.dev`) to read /events and /snapshot, but nothing of the
+    /// workshop, and to connect to --foxglove. May be given several times.
     #[arg(long, value_name = "URL")]
     pub allow_origin: Vec<AllowedOrigin>,
+    /// The endpoint for other viewers.
+    #[command(flatten)]
+    pub foxglove: FoxgloveArgs,
     /// Enable the workshop: start diagnoses, upload runs and replay them. Its files are in this directory, which is created
     /// if it does not exist. Works only on loopback.
     #[arg(long, value_name = "DIR")]
@@ -69,6 +82,7 @@ pub struct Args {
 /// When the port is taken, ROS does not start, or a thread dies.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     require_loopback(args.listen, args.any_host)?;
+    args.foxglove.check(args.any_host)?;
     if args.workshop.is_some() {
         require_loopback_for_workshop(args.listen)?;
     }
@@ -76,6 +90,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let workshop = open_workshop(args, &live, context)?;
     let requests = workshop.clone().map(|workshop| -> Arc<dyn WorkshopRequests> { workshop });
     let server = Server::start(args.listen, args.any_host, &args.allow_origin, Arc::clone(&live), requests)?;
+    let mut viewers = Viewers::start(args)?;
     let mut source = DataSource::start(&args.source, &context.ros_args, NODE)?;
     if let Some(workshop) = &workshop {
         source.ignore(&workshop.namespace());
@@ -84,13 +99,15 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         tracing::warn!(listen = %server.address(), "anyone who can reach this machine can watch, without password or encryption");
     }
     // Before the address is printed, so that a first request already finds the dampers of --dampers.
-    let begun = source.poll(&mut live.registry(), live.now_s());
+    let begun = viewers.poll(&mut source, &live);
     // A closed stdout (`| head`) does not end the command.
     let mut stdout = std::io::stdout();
     let _ = writeln!(stdout, "http://{}/", server.address()).and_then(|()| stdout.flush());
-    let ended = begun.and_then(|()| watch(&mut source, &server, &live, workshop.as_deref(), context));
+    viewers.server.iter().for_each(print_address);
+    let ended =
+        begun.and_then(|()| watch(&mut source, &mut viewers, &server, &live, workshop.as_deref(), context));
     // The server stops first, so that no new work begins and uploads are cut off.
-    let stopped = server.stop();
+    let stopped = server.stop().and(viewers.stop());
     let ending = workshop.as_ref().map(|workshop| (workshop, workshop.interrupt()));
     source.stop();
     if let Some((workshop, deadline)) = ending {
@@ -117,9 +134,86 @@ fn open_workshop(
     Workshop::open(settings).map(Some)
 }
 
+/// The endpoint for other viewers, if there is one, and what feeds it.
+struct Viewers {
+    feed: LiveFeed,
+    server: Option<FoxgloveServer>,
+    /// Number of topics that were announced.
+    announced: usize,
+    /// Readers of the parameters of each damper's node, by the damper's name.
+    parameters: Vec<(String, ParameterReader)>,
+    /// True while viewers are connected of which one has asked for parameters.
+    wants_parameters: bool,
+}
+
+impl Viewers {
+    fn start(args: &Args) -> Result<Self, NodeError> {
+        // The Zenoh mirror carries no parameters.
+        let feed = LiveFeed::new(args.source.origin() == DataOrigin::Ros);
+        let server = args.foxglove.start(args.any_host, &args.allow_origin, feed.channels())?;
+        Ok(Self { feed, server, announced: 0, parameters: Vec::new(), wants_parameters: false })
+    }
+
+    /// Polls the source: for the page, and for the viewers.
+    fn poll(&mut self, source: &mut DataSource, live: &LiveData) -> Result<(), NodeError> {
+        if self.server.is_none() {
+            return source.poll(&mut live.registry(), live.now_s(), &mut |_, _| {});
+        }
+        let feed = &mut self.feed;
+        source.poll(&mut live.registry(), live.now_s(), &mut |topic, message| feed.take(topic, message))?;
+        if source.topic_count() != self.announced {
+            let topics = source.topics();
+            topics.iter().for_each(|(topic, in_node)| feed.announce(topic, in_node));
+            self.announced = topics.len();
+            self.find_nodes(source)?;
+        }
+        self.read_parameters(source);
+        Ok(())
+    }
+
+    /// Prepares to read the parameters of new dampers' nodes.
+    fn find_nodes(&mut self, source: &mut DataSource) -> Result<(), NodeError> {
+        let dampers = source.diagnosable();
+        let Some(ros) = source.ros_mut() else { return Ok(()) };
+        for (name, namespace) in dampers {
+            if self.parameters.iter().all(|(known, _)| *known != name) {
+                let node = format!("{}/{}", namespace.trim_end_matches('/'), RosArgs::default().node_name());
+                self.parameters.push((name, ParameterReader::new(ros, node)?));
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the parameters of the nodes once a viewer has asked for them, and again while viewers are connected.
+    fn read_parameters(&mut self, source: &mut DataSource) {
+        let channels = self.feed.channels();
+        let is_asked = channels.take_parameter_request() || self.wants_parameters;
+        self.wants_parameters = is_asked && channels.viewers() > 0;
+        let Some(ros) = source.ros_mut() else { return };
+        for (_, reader) in &mut self.parameters {
+            if self.wants_parameters {
+                reader.ask();
+            }
+            reader.poll(ros, channels);
+        }
+    }
+
+    /// Disconnects all viewers. The readers of parameters end before their node.
+    fn stop(self) -> Result<(), ServeError> {
+        drop(self.parameters);
+        self.server.map_or(Ok(()), FoxgloveServer::stop)
+    }
+
+    /// False once the endpoint has ended by itself.
+    fn is_alive(&self) -> bool {
+        self.server.as_ref().is_none_or(FoxgloveServer::is_alive)
+    }
+}
+
 /// Polls the source and sends batches to the open pages, until a signal comes.
 fn watch(
     source: &mut DataSource,
+    viewers: &mut Viewers,
     server: &Server,
     live: &LiveData,
     workshop: Option<&Workshop>,
@@ -127,7 +221,7 @@ fn watch(
 ) -> Result<(), NodeError> {
     let (mut next_batch, mut next_look) = (Instant::now(), Instant::now());
     while !context.interrupt.is_raised() {
-        source.poll(&mut live.registry(), live.now_s())?;
+        viewers.poll(source, live)?;
         let now = Instant::now();
         if let Some(workshop) = workshop.filter(|_| now >= next_look) {
             workshop.set_diagnosable(source.diagnosable());
@@ -139,8 +233,8 @@ fn watch(
             // After a stall, missed batches are not sent later.
             next_batch = (next_batch + BATCH_EVERY).max(now + BATCH_EVERY / 2);
         }
-        if !server.is_alive() {
-            // `Server::stop` returns the reason.
+        if !server.is_alive() || !viewers.is_alive() {
+            // Stopping them returns the reason.
             return Ok(());
         }
         std::thread::sleep(LOOK_EVERY.min(next_batch.saturating_duration_since(Instant::now())));

@@ -54,7 +54,7 @@ fn listen(
     context: &CliContext,
 ) -> Result<bool, NodeError> {
     loop {
-        source.poll(registry, began.elapsed().as_secs_f64())?;
+        source.poll(registry, began.elapsed().as_secs_f64(), &mut |_, _| {})?;
         let left = deadline.saturating_duration_since(Instant::now());
         if left.is_zero() || context.interrupt.is_raised() {
             return Ok(!context.interrupt.is_raised());

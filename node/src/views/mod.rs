@@ -1,4 +1,5 @@
 //! The sources and the work behind the views.
 
+pub mod foxglove;
 pub mod watch;
 pub mod workshop;

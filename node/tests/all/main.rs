@@ -59,7 +59,8 @@ mod live_zenoh_commands;
 mod middleware_panic;
 mod soak;
 
-// The live page.
+// The live page and other viewers.
+mod foxglove;
 mod serve;
 mod serve_workshop;
 

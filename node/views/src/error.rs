@@ -29,13 +29,26 @@ pub enum ServeError {
         /// The given address.
         listen: SocketAddr,
     },
+    /// The Foxglove endpoint would be reachable from other machines, and the user did not allow that.
+    #[error(
+        "--foxglove={listen} is not on loopback: anyone who can reach this machine could watch, without password or encryption. Use a \
+         tunnel (ssh -L {port}:127.0.0.1:{port} THIS_MACHINE, then ws://localhost:{port} there), or allow it with --any-host",
+        port = listen.port()
+    )]
+    ViewersBeyondLoopback {
+        /// The given address.
+        listen: SocketAddr,
+    },
     /// The server cannot listen on its address.
     #[error(
-        "cannot listen on {address}: {source}; is another mr-damper serve running? To choose another port, use --listen {}:{}",
+        "cannot listen on {address}: {source}; is another mr-damper serve running? To choose another port, use {option}{}{}:{}",
+        if *option == "--foxglove" { '=' } else { ' ' },
         address.ip(),
         address.port().wrapping_add(1).max(1024)
     )]
     Listen {
+        /// The option that gives the address.
+        option: &'static str,
         /// The given address.
         address: SocketAddr,
         /// The system's error.

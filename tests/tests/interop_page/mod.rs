@@ -2,6 +2,7 @@
 //! what it may.
 
 mod four_dampers;
+mod viewers;
 
 use crate::interop_files::utf8;
 use crate::interop_support::gate::{Outcome, interop};

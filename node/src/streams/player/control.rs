@@ -68,7 +68,7 @@ impl Control {
     }
 
     /// Notes that a run begins.
-    pub(super) fn begin(&self, planned: Rate, range: (Stamp, Stamp)) {
+    pub fn begin(&self, planned: Rate, range: (Stamp, Stamp)) {
         self.change(|state| {
             state.planned_rate = Some(planned);
             state.playing = Some(range);
@@ -76,7 +76,7 @@ impl Control {
     }
 
     /// Notes that the run is over.
-    pub(super) fn end(&self) {
+    pub fn end(&self) {
         self.change(|state| {
             state.playing = None;
             state.seek = None;

@@ -27,7 +27,7 @@ impl Keys {
     }
 
     /// Polls the keyboard and carries out the pressed keys.
-    pub(super) fn look(&self, control: &Control, interrupt: &Interrupt) {
+    pub fn look(&self, control: &Control, interrupt: &Interrupt) {
         if self.last_look.get().elapsed() < Self::LOOK_EVERY {
             return;
         }

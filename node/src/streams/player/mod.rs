@@ -6,9 +6,11 @@ mod control;
 mod keys;
 mod pace;
 mod replay_services;
+mod timing;
 
 pub use control::Control;
 pub use keys::Keys;
+pub use timing::{Next, Timing};
 
 use crate::estimation::wire::header;
 use crate::ros2::participant::{DdsThreadEnded, NotTaken, Output, Ros};
@@ -20,7 +22,6 @@ use mr_damper_base::clock::system_now;
 use mr_damper_model::sample::{Drive, Reading, Run, Sample, Stamp};
 use mr_damper_msgs::standard::{Clock, Temperature, Time};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Velocity};
-use pace::Pace;
 use ros2_client::NodeOptions;
 use rustdds::GUID;
 use std::str::FromStr;
@@ -239,11 +240,9 @@ impl Player {
             player: self,
             options,
             first,
-            pace: Pace::new(options.rate, options.start),
+            timing: Timing::new(&self.control, options.rate, options.start, interrupt, keys),
             last_clock: None,
             next_tick: None,
-            interrupt,
-            keys,
         };
         let mut from = Some(options.start);
         while let Some(from_s) = from {
@@ -305,21 +304,11 @@ struct Playing<'a> {
     options: &'a PlaybackOptions,
     /// Stamp of the run's first sample.
     first: Stamp,
-    pace: Pace,
+    timing: Timing<'a>,
     /// The last /clock time that was published with a sample.
     last_clock: Option<Stamp>,
     /// When /clock is published next, if it has its own rate.
     next_tick: Option<Instant>,
-    interrupt: &'a Interrupt,
-    keys: Option<&'a Keys>,
-}
-
-/// The player's next action.
-enum Next {
-    Play,
-    /// Continue at this time of the run, s.
-    Jump(f64),
-    End,
 }
 
 impl Playing<'_> {
@@ -340,7 +329,6 @@ impl Playing<'_> {
             match self.next(run_s, played) {
                 Next::Play => {}
                 Next::Jump(to_s) => {
-                    self.pace.jump(to_s);
                     self.last_clock = None;
                     return Some(to_s);
                 }
@@ -353,8 +341,7 @@ impl Playing<'_> {
                 played.failed += u64::from(!self.player.tell_time(stamp));
             }
             let taken = self.player.publish(&Sample { stamp, ..sample }).is_ok();
-            self.pace.sent(Instant::now(), run_s);
-            self.player.control.played();
+            self.timing.played(run_s);
             played.samples += 1;
             played.failed += u64::from(!taken);
             at((run_s - options.start).max(0.0));
@@ -362,50 +349,33 @@ impl Playing<'_> {
         None
     }
 
-    /// Waits until the sample at `next_s` is due, or until a jump or the end is requested.
+    /// Waits until the sample at `next_s` is due, or until a jump or the end is requested. Meanwhile /clock is published.
     fn next(&mut self, next_s: f64, played: &mut Played) -> Next {
-        let control = &self.player.control;
-        loop {
-            if let Some(keys) = self.keys {
-                keys.look(control, self.interrupt);
-            }
-            if self.interrupt.is_raised() {
-                return Next::End;
-            }
-            let now = Instant::now();
-            let tick = self.tick(now, next_s, played);
-            let mut state = control.lock();
-            if let Some(to) = state.seek.take() {
-                return Next::Jump(to.since(self.first).get());
-            }
-            let is_waiting = state.paused && state.steps == 0;
-            if state.paused {
-                self.pace.stand(now, next_s);
-            } else {
-                self.pace.run(state.rate(), now, next_s);
-            }
-            let left = if is_waiting { LOOK_EVERY } else { self.pace.left(now, next_s) };
-            if left.is_zero() {
-                return Next::Play;
-            }
-            drop(control.wait(state, left.min(LOOK_EVERY).min(tick)));
-        }
+        let Self { player, options, first, timing, next_tick, .. } = self;
+        timing.next(*first, next_s, |now, position_s| {
+            let tell = |at_s: f64| player.tell_time(first.shifted((at_s * 1e9).round() as i64));
+            tick(options, next_tick, now, || played.failed += u64::from(!tell(position_s)))
+        })
     }
+}
 
-    /// Publishes /clock if it has its own rate and is due; returns the time until it is due again. While paused, the same
-    /// time is published repeatedly.
-    fn tick(&mut self, now: Instant, next_s: f64, played: &mut Played) -> Duration {
-        let Some(hz) = self.options.clock_hz.filter(|_| self.options.clock) else { return LOOK_EVERY };
-        let due = *self.next_tick.get_or_insert(now);
-        if now < due {
-            return due - now;
-        }
-        let nanos = (self.pace.position(now, next_s) * 1e9).round() as i64;
-        played.failed += u64::from(!self.player.tell_time(self.first.shifted(nanos)));
-        let period = Duration::from_secs_f64(1.0 / hz);
-        // Missed ticks are not published later.
-        let next = if due + period > now { due + period } else { now + period };
-        self.next_tick = Some(next);
-        next - now
+/// Calls `tell` if /clock has its own rate and is due; returns the time until it is due again. While paused, it is called
+/// with the same time.
+fn tick(
+    options: &PlaybackOptions,
+    next_tick: &mut Option<Instant>,
+    now: Instant,
+    tell: impl FnOnce(),
+) -> Duration {
+    let Some(hz) = options.clock_hz.filter(|_| options.clock) else { return LOOK_EVERY };
+    let due = *next_tick.get_or_insert(now);
+    if now < due {
+        return due - now;
     }
+    tell();
+    let period = Duration::from_secs_f64(1.0 / hz);
+    // Missed ticks are not told later.
+    let next = if due + period > now { due + period } else { now + period };
+    *next_tick = Some(next);
+    next - now
 }

@@ -3,6 +3,7 @@
 //! Dampers are given by name, or found: every publisher of `force_estimate` in the domain is one, also if it appears later. The
 //! subscriptions are best effort, so that no publisher waits for them.
 
+use super::source::Seen;
 use crate::process::files;
 use crate::ros2::participant::{DdsThreadEnded, Ros};
 use crate::settings::config::{Config, RosArgs};
@@ -134,14 +135,27 @@ impl RosWatcher {
         Ok(())
     }
 
-    /// Records all received messages in `registry`.
-    pub fn drain(&self, registry: &mut DamperRegistry, now_s: f64) {
+    /// The node that subscribes.
+    pub fn ros_mut(&mut self) -> &mut Ros {
+        &mut self.ros
+    }
+
+    /// Full names of all topics that are subscribed to, with the names that they have in the node.
+    pub fn topics(&self) -> impl Iterator<Item = (&str, &'static str)> {
+        self.dampers.iter().flat_map(|damper| damper.readers.iter().map(|reader| reader.topic()))
+    }
+
+    /// Records all received messages in `registry`, and shows each to `seen`, with the full name of its topic.
+    pub fn drain(&self, registry: &mut DamperRegistry, now_s: f64, seen: Seen<'_>) {
         for damper in &self.dampers {
             if let Some(view) = registry.view(&damper.name) {
                 damper.readers.iter().for_each(|reader| {
                     while let Some(received) = reader.take() {
                         match received {
-                            Some(message) => view.take(message, now_s),
+                            Some(message) => {
+                                seen(reader.topic().0, &message);
+                                view.take(message, now_s);
+                            }
                             None => view.note_unreadable(),
                         }
                     }
@@ -194,10 +208,14 @@ fn name_of(namespace: &str) -> String {
 trait MessageReader {
     /// The next received message; `Some(None)` for a message that could not be read.
     fn take(&self) -> Option<Option<DamperMessage>>;
+    /// The full name of the topic, and its name in the node.
+    fn topic(&self) -> (&str, &'static str);
 }
 
 struct TypedReader<M: Message> {
     topic: String,
+    /// Name of the topic in the node.
+    in_node: &'static str,
     subscription: Subscription<M>,
     convert: fn(M) -> DamperMessage,
 }
@@ -212,6 +230,10 @@ impl<M: Message> MessageReader for TypedReader<M> {
             }
         }
     }
+
+    fn topic(&self) -> (&str, &'static str) {
+        (&self.topic, self.in_node)
+    }
 }
 
 /// Subscriptions to all inputs and outputs of a node. Inputs come first, because an estimate is newer than its inputs.
@@ -221,25 +243,27 @@ fn subscribe_all(
 ) -> Result<Vec<Box<dyn MessageReader + Send>>, NodeError> {
     fn subscribe<M: Message>(
         ros: &mut Ros,
-        topic: String,
+        topic: &dyn Fn(&str) -> String,
+        in_node: &'static str,
         convert: fn(M) -> DamperMessage,
     ) -> Result<Box<dyn MessageReader + Send>, NodeError> {
+        let topic = topic(in_node);
         let subscription = ros.subscribe::<M>(&topic)?;
-        Ok(Box::new(TypedReader { topic, subscription, convert }))
+        Ok(Box::new(TypedReader { topic, in_node, subscription, convert }))
     }
     Ok(vec![
-        subscribe(ros, topic("displacement"), DamperMessage::Displacement)?,
-        subscribe(ros, topic("coil_current"), DamperMessage::CoilCurrent)?,
-        subscribe(ros, topic("command_voltage"), DamperMessage::CommandVoltage)?,
-        subscribe(ros, topic("velocity"), DamperMessage::Velocity)?,
-        subscribe(ros, topic("measured_force"), DamperMessage::MeasuredForce)?,
-        subscribe(ros, topic("case_temperature"), DamperMessage::CaseTemperature)?,
-        subscribe(ros, topic("force_request"), DamperMessage::ForceRequest)?,
-        subscribe(ros, topic("body_velocity"), DamperMessage::BodyVelocity)?,
-        subscribe(ros, topic(MARKER_TOPIC), DamperMessage::Estimate)?,
-        subscribe(ros, topic("force_residual"), DamperMessage::Residual)?,
-        subscribe(ros, topic("current_command"), DamperMessage::Command)?,
-        subscribe(ros, topic("mode"), DamperMessage::Mode)?,
+        subscribe(ros, topic, "displacement", DamperMessage::Displacement)?,
+        subscribe(ros, topic, "coil_current", DamperMessage::CoilCurrent)?,
+        subscribe(ros, topic, "command_voltage", DamperMessage::CommandVoltage)?,
+        subscribe(ros, topic, "velocity", DamperMessage::Velocity)?,
+        subscribe(ros, topic, "measured_force", DamperMessage::MeasuredForce)?,
+        subscribe(ros, topic, "case_temperature", DamperMessage::CaseTemperature)?,
+        subscribe(ros, topic, "force_request", DamperMessage::ForceRequest)?,
+        subscribe(ros, topic, "body_velocity", DamperMessage::BodyVelocity)?,
+        subscribe(ros, topic, MARKER_TOPIC, DamperMessage::Estimate)?,
+        subscribe(ros, topic, "force_residual", DamperMessage::Residual)?,
+        subscribe(ros, topic, "current_command", DamperMessage::Command)?,
+        subscribe(ros, topic, "mode", DamperMessage::Mode)?,
     ])
 }
 

@@ -2,11 +2,14 @@
 
 use super::ros_watcher::RosWatcher;
 use super::zenoh_watcher::ZenohWatcher;
-use crate::ros2::participant;
+use crate::ros2::participant::{self, Ros};
 use crate::settings::config::{Config, RosArgs};
 use crate::settings::error::NodeError;
-use mr_damper_views::watch::{DamperRegistry, DataOrigin};
+use mr_damper_views::watch::{DamperMessage, DamperRegistry, DataOrigin};
 use std::path::PathBuf;
+
+/// Gets each received message, with the full name of its topic, such as `/front_left/force_estimate`.
+pub type Seen<'a> = &'a mut dyn FnMut(&str, &DamperMessage);
 
 /// Options that select the dampers to watch.
 #[derive(Debug, Clone, clap::Args)]
@@ -64,24 +67,58 @@ impl DataSource {
         RosWatcher::start(&config, ros_args, name, &args.dampers).map(|watcher| Self::Ros(Box::new(watcher)))
     }
 
-    /// Records all received messages in `registry`.
+    /// Records all received messages in `registry`, and shows each to `seen`.
     ///
     /// # Errors
     /// When a subscription fails, or ROS has ended.
-    pub fn poll(&mut self, registry: &mut DamperRegistry, now_s: f64) -> Result<(), NodeError> {
+    pub fn poll(
+        &mut self,
+        registry: &mut DamperRegistry,
+        now_s: f64,
+        seen: Seen<'_>,
+    ) -> Result<(), NodeError> {
         match self {
             Self::Ros(watcher) => {
                 watcher.discover(registry, now_s)?;
-                watcher.drain(registry, now_s);
+                watcher.drain(registry, now_s, seen);
                 watcher.check()?;
             }
             // Zenoh reconnects by itself.
             Self::Zenoh(watcher) => {
                 watcher.check_connection(registry, now_s);
-                watcher.drain(registry, now_s);
+                watcher.drain(registry, now_s, seen);
             }
         }
         Ok(())
+    }
+
+    /// Full names of the topics that are subscribed to, with the names that they have in the node; none with a Zenoh source, whose topics
+    /// are known once a sample arrives.
+    #[must_use]
+    pub fn topics(&self) -> Vec<(String, &'static str)> {
+        match self {
+            Self::Ros(watcher) => {
+                watcher.topics().map(|(name, in_node)| (name.to_owned(), in_node)).collect()
+            }
+            Self::Zenoh(_) => Vec::new(),
+        }
+    }
+
+    /// Number of [`DataSource::topics`].
+    #[must_use]
+    pub fn topic_count(&self) -> usize {
+        match self {
+            Self::Ros(watcher) => watcher.topics().count(),
+            Self::Zenoh(_) => 0,
+        }
+    }
+
+    /// The node of this source in ROS; `None` with a Zenoh source.
+    pub fn ros_mut(&mut self) -> Option<&mut Ros> {
+        match self {
+            Self::Ros(watcher) => Some(watcher.ros_mut()),
+            Self::Zenoh(_) => None,
+        }
     }
 
     /// Ignores the damper in the ROS namespace `namespace`. This has no effect on a Zenoh source.

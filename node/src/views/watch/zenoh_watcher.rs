@@ -2,6 +2,8 @@
 //!
 //! Rates are limited by the mirror (`zenoh.web_rate_hz`) and are not the node's rates. Dampers are found by their keys.
 
+use super::source::Seen;
+use crate::settings::config::RosArgs;
 use crate::settings::error::{NodeError, PartError};
 use crate::zenoh::session::{Link, ZenohConfig};
 use mr_damper_model::sample::Stamp;
@@ -149,8 +151,8 @@ impl ZenohWatcher {
         }
     }
 
-    /// Records all received samples in `registry`.
-    pub fn drain(&self, registry: &mut DamperRegistry, now_s: f64) {
+    /// Records all received samples in `registry`, and shows each to `seen`, with the full name that its topic has in ROS.
+    pub fn drain(&self, registry: &mut DamperRegistry, now_s: f64, seen: Seen<'_>) {
         while let Ok((key, payload)) = self.samples.try_recv() {
             let Some((damper, topic)) = parts(&key) else { continue };
             if !self.names.is_empty() && self.names.iter().all(|name| name != damper) {
@@ -162,7 +164,10 @@ impl ZenohWatcher {
             }
             let Some(view) = registry.view(damper) else { continue };
             match decode(topic, &payload) {
-                Ok(Some(message)) => view.take(message, now_s),
+                Ok(Some(message)) => {
+                    seen(&ros_topic(damper, topic), &message);
+                    view.take(message, now_s);
+                }
                 Ok(None) => {}
                 Err(error) => {
                     tracing::debug!(key, %error, "cannot read a sample");
@@ -181,6 +186,11 @@ impl ZenohWatcher {
 /// Damper and topic of a key.
 fn parts(key: &str) -> Option<(&str, &str)> {
     key.strip_prefix("mr_damper/")?.rsplit_once("/web/")
+}
+
+/// The full name of a topic in ROS. A damper in the root namespace has the name of its node on Zenoh.
+fn ros_topic(damper: &str, topic: &str) -> String {
+    if damper == RosArgs::default().node_name() { format!("/{topic}") } else { format!("/{damper}/{topic}") }
 }
 
 /// A payload of any topic. Fields that are missing or null are `None`.
@@ -390,5 +400,7 @@ mod tests {
         assert!(decode("displacement", b"{}").is_err() && decode("mode", b"\xff").is_err());
         assert_eq!(parts("mr_damper/front/left/web/mode"), Some(("front/left", "mode")));
         assert_eq!(parts("mr_damper/left/state/mode"), None);
+        assert_eq!(ros_topic("front/left", "mode"), "/front/left/mode");
+        assert_eq!(ros_topic("mr_damper", "mode"), "/mode", "the name of a damper in the root namespace");
     }
 }

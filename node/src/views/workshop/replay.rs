@@ -285,7 +285,7 @@ impl Workshop {
                 }
                 let now_s = self.registry.now_s();
                 let discovered = watcher.discover(&mut self.registry.lock(), now_s);
-                watcher.drain(&mut self.registry.lock(), now_s);
+                watcher.drain(&mut self.registry.lock(), now_s, &mut |_, _| {});
                 let dead = service.dead_thread();
                 let dead = dead.map(|thread| WorkshopError::NodeThreadDied { thread }.into());
                 let over = playing.take_if(|playing| playing.is_finished()).map_or(Ok(()), join);

@@ -21,6 +21,7 @@ pub use request_check::{AllowedOrigin, Hosts, require_loopback, require_loopback
 pub use token::Token;
 
 use crate::error::ServeError;
+use crate::http_server::{HttpServer, Limits, listen};
 use crate::watch::{DamperRegistry, DataOrigin, SharedRegistry, Snapshot, json};
 use crate::workshop::{WorkshopRequests, WorkshopState};
 use axum::Router;
@@ -29,32 +30,17 @@ use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use hyper::server::conn::http1;
-use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::service::TowerToHyperService;
 use serde::{Deserialize, Serialize};
-use socket2::SockRef;
-use std::net::{SocketAddr, TcpListener};
+use std::net::SocketAddr;
 use std::sync::{Arc, MutexGuard};
-use std::thread::JoinHandle;
-use std::time::Duration;
-use tokio::net::TcpStream;
-use tokio::sync::{Semaphore, broadcast, oneshot};
+use tokio::sync::{Semaphore, broadcast};
 
 /// Maximum number of simultaneous event streams.
 pub const MOST_STREAMS: usize = 16;
 /// Batches that are queued for a reader, more than a second of them.
 const BACKLOG: usize = 64;
-/// Maximum number of simultaneous connections; further ones wait.
-const MOST_CONNECTIONS: usize = 64;
-/// Bytes that the system buffers for a reader, and bytes that this server buffers in addition. Beyond them the reader's batches are
-/// skipped, because old batches are useless to it.
-const SYSTEM_BUFFER: usize = 32 << 10;
-const OWN_BUFFER: usize = 16 << 10;
-/// A reader that receives nothing for this long is disconnected, so that others can connect.
-const PATIENCE: Duration = Duration::from_secs(20);
-/// Time limit for a client to send the head of a request.
-const HEAD_WITHIN: Duration = Duration::from_secs(10);
+/// The server's buffers are small, because old batches are useless to a reader: beyond the buffers its batches are skipped.
+const LIMITS: Limits = Limits { connections: 64, system_buffer: 32 << 10, own_buffer: 16 << 10 };
 
 /// The served data: the registry of all dampers, and the batches made from it.
 #[derive(Debug)]
@@ -118,11 +104,7 @@ struct Shared {
 
 /// The running server.
 #[derive(Debug)]
-pub struct Server {
-    address: SocketAddr,
-    stop: oneshot::Sender<()>,
-    thread: JoinHandle<std::io::Result<()>>,
-}
+pub struct Server(HttpServer);
 
 impl Server {
     /// Listens on `address` and serves `live` from a separate thread, also to the origins
@@ -139,10 +121,8 @@ impl Server {
         workshop: Option<Arc<dyn WorkshopRequests>>,
     ) -> Result<Self, ServeError> {
         let workshop = workshop.map(|workshop| Token::new().map(|token| (workshop, token))).transpose()?;
-        let listening = |source: std::io::Error| ServeError::Listen { address, source };
-        let listener = TcpListener::bind(address).map_err(listening)?;
-        listener.set_nonblocking(true).map_err(listening)?;
-        let address = listener.local_addr().map_err(listening)?;
+        let (listener, address) =
+            listen(address).map_err(|source| ServeError::Listen { option: "--listen", address, source })?;
         let shared = Arc::new(Shared {
             live,
             hosts: Hosts::new(address, any_host),
@@ -150,37 +130,19 @@ impl Server {
             places: Arc::new(Semaphore::new(MOST_STREAMS)),
             workshop,
         });
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .map_err(ServeError::io("starting the web server"))?;
-        let (stop, stopped) = oneshot::channel();
-        let thread = std::thread::Builder::new()
-            .name("web-server".to_owned())
-            .spawn(move || {
-                runtime.block_on(async {
-                    let listener = tokio::net::TcpListener::from_std(listener)?;
-                    tokio::select! {
-                        () = accept(listener, routes(shared)) => Ok(()),
-                        // The runtime ends with this thread and takes all streams with it, without waiting.
-                        _ = stopped => Ok(()),
-                    }
-                })
-            })
-            .map_err(ServeError::io("starting the thread of the web server"))?;
-        Ok(Self { address, stop, thread })
+        HttpServer::start("web-server", listener, address, LIMITS, routes(shared)).map(Self)
     }
 
     /// The address on which the server listens.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.0.address()
     }
 
     /// True while the server runs.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        !self.thread.is_finished()
+        self.0.is_alive()
     }
 
     /// Stops the server and all streams.
@@ -188,52 +150,7 @@ impl Server {
     /// # Errors
     /// The error that ended the server before, if any.
     pub fn stop(self) -> Result<(), ServeError> {
-        // Sending fails if the thread has ended already; joining it returns the reason.
-        let _ = self.stop.send(());
-        match self.thread.join() {
-            Ok(ended) => ended.map_err(ServeError::io("serving the page")),
-            Err(_) => Err(ServeError::Panicked),
-        }
-    }
-}
-
-/// Accepts connections forever. axum's own loop is not used, because it buffers 400 kB for a stalled reader and has no time limit for
-/// the head of a request.
-async fn accept(listener: tokio::net::TcpListener, router: Router) {
-    let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
-    let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEAD_WITHIN).max_buf_size(OWN_BUFFER);
-    // The semaphore is never closed.
-    while let Ok(place) = Arc::clone(&places).acquire_owned().await {
-        match listener.accept().await {
-            Ok((stream, _)) => {
-                tune(&stream);
-                let serving =
-                    http.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router.clone()));
-                tokio::spawn(async move {
-                    let _place = place;
-                    if let Err(error) = serving.await {
-                        tracing::debug!(%error, "a connection has ended");
-                    }
-                });
-            }
-            // The client has disconnected already, or there are too many open files. Other connections continue meanwhile.
-            Err(error) => {
-                tracing::debug!(%error, "cannot accept a connection");
-                tokio::time::sleep(Duration::from_millis(100)).await;
-            }
-        }
-    }
-}
-
-/// Sets the socket options of a connection.
-fn tune(stream: &TcpStream) {
-    let socket = SockRef::from(stream);
-    let tuned = socket.set_send_buffer_size(SYSTEM_BUFFER).and_then(|()| socket.set_tcp_nodelay(true));
-    #[cfg(target_os = "linux")]
-    let tuned = tuned.and_then(|()| socket.set_tcp_user_timeout(Some(PATIENCE)));
-    if let Err(error) = tuned {
-        tracing::debug!(%error, "cannot set the options of a connection");
+        self.0.stop()
     }
 }
 

@@ -51,6 +51,13 @@ impl Hosts {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AllowedOrigin(HeaderValue);
 
+impl AllowedOrigin {
+    /// True if this is the origin.
+    pub(crate) fn is(&self, origin: &str) -> bool {
+        self.0 == origin
+    }
+}
+
 impl FromStr for AllowedOrigin {
     type Err = &'static str;
 

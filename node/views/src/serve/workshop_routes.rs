@@ -14,8 +14,9 @@
 //! A POST must come from this server's own page; its origin and its token are checked. Without `--workshop` these paths answer
 //! 404. Work runs on separate threads, so that the server's thread never waits for it.
 
+use super::Shared;
 use super::token::{HEADER, Token};
-use super::{PATIENCE, Shared};
+use crate::http_server::PATIENCE;
 use crate::watch::json;
 use crate::workshop::{
     ReadOptions, Refusal, RefusalKind, ReplayCommand, Upload, UploadPart, WorkshopRequests,

@@ -2,8 +2,8 @@
 
 use mr_damper_msgs::standard::{Header, Temperature};
 use mr_damper_msgs::{
-    CoilCurrent, CommandVoltage, CurrentCommand, Displacement, Force, ForceEstimate, ForceResidual,
-    ModeChange, Velocity,
+    CdrError, CoilCurrent, CommandVoltage, CurrentCommand, Descriptor, Displacement, Force, ForceEstimate,
+    ForceResidual, ModeChange, Velocity, cdr,
 };
 
 /// A message on one of a damper's topics.
@@ -51,7 +51,44 @@ pub const TOPICS: [&str; 12] = [
     "mode",
 ];
 
+/// Type of the messages on a topic of [`TOPICS`]; `None` for other names.
+#[must_use]
+pub fn type_of(topic: &str) -> Option<Descriptor> {
+    Some(match topic {
+        "displacement" => Descriptor::of::<Displacement>(),
+        "coil_current" => Descriptor::of::<CoilCurrent>(),
+        "command_voltage" => Descriptor::of::<CommandVoltage>(),
+        "velocity" | "body_velocity" => Descriptor::of::<Velocity>(),
+        "measured_force" | "force_request" => Descriptor::of::<Force>(),
+        "case_temperature" => Descriptor::of::<Temperature>(),
+        "force_estimate" => Descriptor::of::<ForceEstimate>(),
+        "force_residual" => Descriptor::of::<ForceResidual>(),
+        "current_command" => Descriptor::of::<CurrentCommand>(),
+        "mode" => Descriptor::of::<ModeChange>(),
+        _ => return None,
+    })
+}
+
 impl DamperMessage {
+    /// Writes the message as CDR with its 4-byte header, and replaces the content of `buffer`.
+    ///
+    /// # Errors
+    /// Never for these messages; see [`cdr::write_into`].
+    pub fn write_cdr(&self, buffer: &mut Vec<u8>) -> Result<(), CdrError> {
+        match self {
+            Self::Displacement(message) => cdr::write_into(message, buffer),
+            Self::CoilCurrent(message) => cdr::write_into(message, buffer),
+            Self::CommandVoltage(message) => cdr::write_into(message, buffer),
+            Self::Velocity(message) | Self::BodyVelocity(message) => cdr::write_into(message, buffer),
+            Self::MeasuredForce(message) | Self::ForceRequest(message) => cdr::write_into(message, buffer),
+            Self::CaseTemperature(message) => cdr::write_into(message, buffer),
+            Self::Estimate(message) => cdr::write_into(message, buffer),
+            Self::Residual(message) => cdr::write_into(message, buffer),
+            Self::Command(message) => cdr::write_into(message, buffer),
+            Self::Mode(message) => cdr::write_into(message, buffer),
+        }
+    }
+
     /// Index of the message's topic in [`TOPICS`].
     #[must_use]
     pub const fn topic(&self) -> usize {

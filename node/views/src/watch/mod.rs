@@ -18,7 +18,7 @@ pub mod screen;
 mod shared_registry;
 mod slope;
 
-pub use damper_message::{DamperMessage, TOPICS};
+pub use damper_message::{DamperMessage, TOPICS, type_of};
 pub use damper_state::{
     Aged, CommandReading, DamperState, DriveReading, EstimateReading, MeasuredReading, PastModeChange,
     ResidualReading, StatusLevel,
