@@ -12,7 +12,7 @@
 //! | BLF | start of the measurement in the header plus the object's stamp, since 1970 |
 //! | MDF4 | the time channel, since the start of the measurement |
 //!
-//! Each reader passes frames to a [`frame::FrameSink`], so the channels do not depend on the format.
+//! Each reader passes frames to a `frame::FrameSink`, so the channels do not depend on the format.
 //!
 //! # A running node
 //!
