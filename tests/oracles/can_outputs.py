@@ -1,7 +1,7 @@
 """Compares the CAN frames that mr-damper sends with those of other encoders, on random signals and values.
 
 usage: can_outputs.py OUTPUTS
-       OUTPUTS: the program of `cargo build -p mr-damper-runs --example outputs`
+       OUTPUTS: the program of `cargo build --workspace --examples`
 
 Needs the packages of .ci/bus.txt. cantools encodes each value in a message of the same DBC file: signals of any place and length, in both
 byte orders, unsigned, signed and float, with factors, offsets and ranges. A value that cantools refuses must be marked as one that the
