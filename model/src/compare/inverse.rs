@@ -6,19 +6,18 @@
 //! error   recorded current - i*, over the samples that count
 //! ```
 //!
-//! The methods are those of [`Method`]. `search`, `polynomial` and `fuzzy` invert the fuzzy-tanh model, in the inverse controller and within
+//! [`Method`] lists the methods. `search`, `polynomial` and `fuzzy` invert the fuzzy-tanh model, in the inverse controller and within
 //! its limits. `chen`, `wang-liao` and `wang-hu` are identified from the same runs, and their own currents count, without a controller: it
 //! would add the achievable range of the force model.
 //!
-//! **Rows**: the counted rows of each [`Dataset`](crate::identify::Dataset) with at least the speed [`Limits::hold_m_s`]. Below it the
-//! controller holds its current.
+//! **Rows**: the counted rows of each [`Dataset`](crate::identify::Dataset) with at least the speed [`Limits::hold_m_s`]. At lower
+//! speeds the controller keeps its current.
 //!
 //! **Simulation**: the currents that were found are the past currents, and no force is fed back. The measured force is the demand, because
 //! a run records which current gave it.
 //!
 //! **Meaning**: an error of the current contains the error of the force model and the noise of the load cell, divided by the slope of the
-//! force over the current. The error of the *force* under control is a
-//! different figure: [`track`](crate::inverse::track) gives it.
+//! force over the current. The error of the *force* under control is a different figure: [`track`](crate::inverse::track) gives it.
 
 use super::{Experiment, tests_of};
 use crate::error::{Error, IdentifyError};
@@ -64,7 +63,7 @@ pub struct FinishedInverse {
     pub identification: Option<CurrentFigure>,
     /// Error on all other runs; empty without an inverse.
     pub cross_validation: Vec<InverseTest>,
-    /// Why there is no inverse.
+    /// The reason, if an inverse could not be had.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
 }
@@ -101,7 +100,9 @@ impl InverseRow {
         best
     }
 
-    fn of(finished: &FinishedInverse) -> Option<Self> {
+    /// The means of one result; `None` without tests, or if a test has no figure.
+    #[must_use]
+    pub fn of(finished: &FinishedInverse) -> Option<Self> {
         let figures = || finished.cross_validation.iter().map(|test| &test.figure);
         let rmse_a: Vec<f64> = figures().map(|figure| figure.rmse_a).collect::<Option<_>>()?;
         let nmse: Vec<f64> = figures().filter_map(|figure| figure.nmse).collect();
@@ -136,6 +137,7 @@ fn mean(values: &[f64]) -> Option<f64> {
 /// };
 /// let experiments =
 ///     [Experiment { name: planned.name.clone(), replicates: vec![replicate(1)?, replicate(2)?], training: 1, held_out: vec![] }];
+/// assert!(experiments[0].is_trained_on());
 /// let options = Options { restarts: 2, ..Options::default() };
 /// let found = compare::run_inverse(0, &[Method::Search, Method::WangHu], &experiments, &options, &Watch::none())?;
 /// // The rules find the current better than its mean does. The search inverts a model of 8 s of data, and does not.

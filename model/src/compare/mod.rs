@@ -152,8 +152,7 @@ pub struct Persistence {
 /// experiments.
 #[must_use]
 pub fn cells(specs: &[ModelSpec], experiments: &[Experiment]) -> Vec<Cell> {
-    let is_trained_on = |experiment: &Experiment| experiment.training > 0 || experiment.is_fold();
-    let training = experiments.iter().enumerate().filter(|(_, experiment)| is_trained_on(experiment));
+    let training = experiments.iter().enumerate().filter(|(_, experiment)| experiment.is_trained_on());
     training
         .map(|(index, _)| index)
         .flat_map(|experiment| specs.iter().map(move |spec| Cell { spec: *spec, experiment }))
@@ -252,6 +251,12 @@ pub fn run(
 }
 
 impl Experiment {
+    /// True if models are identified on it: it has training runs, or is a fold.
+    #[must_use]
+    pub fn is_trained_on(&self) -> bool {
+        self.training > 0 || self.is_fold()
+    }
+
     /// The training runs as a slice, as the fit needs them; `experiments` are all of the comparison.
     fn training_runs(&self, experiments: &[Self]) -> Cow<'_, [Dataset]> {
         if self.is_fold() {

@@ -264,15 +264,7 @@ fn close(
     let progress = |progress| working.progress(progress);
     let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
     let stage = |stage| working.stage(&stage_in_words(stage));
-    base.diagnose(runs, &settings, &watch, &stage).map_err(interrupted)
-}
-
-/// Converts an error of the model crate; cancelled work becomes [`NodeError::Interrupted`].
-fn interrupted(error: mr_damper_model::Error) -> NodeError {
-    match error {
-        mr_damper_model::Error::Cancelled => NodeError::Interrupted,
-        error => error.into(),
-    }
+    Ok(base.diagnose(runs, &settings, &watch, &stage)?)
 }
 
 impl Given {

@@ -117,10 +117,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let watch = Watch { cancel: Some(context.interrupt.flag()), progress: None };
     let designed = design(&model, &question, &limits, &settings, &watch);
     drop(working);
-    let designed = designed.map_err(|error| match error {
-        mr_damper_model::Error::Cancelled => NodeError::Interrupted,
-        error => error.into(),
-    })?;
+    let designed = designed?;
     write(&designed.run, &args.out, args.force)?;
     let outcome = DesignOutcome {
         model: args.model.clone(),

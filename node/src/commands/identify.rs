@@ -467,10 +467,7 @@ fn watched<T>(
     let working = Working::of(context);
     let progress = |progress| working.progress(progress);
     let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
-    work(&watch).map_err(|error| match error {
-        mr_damper_model::Error::Cancelled => NodeError::Interrupted,
-        error => error.into(),
-    })
+    Ok(work(&watch)?)
 }
 
 /// Scores the model on the held-out runs. Their error becomes the model's expected error, and they calibrate its band.

@@ -2,11 +2,9 @@
 
 use super::super::table::table;
 use super::CompareOutcome;
+use super::tables::number;
 use maud::{Markup, html};
-use mr_damper_model::compare::{CurrentFigure, FinishedInverse, InverseRow};
-
-/// Text of a cell without a figure.
-const NONE: &str = "–";
+use mr_damper_model::compare::{FinishedInverse, InverseRow};
 
 /// Both tables, and what the figures mean.
 pub(super) fn section(outcome: &CompareOutcome<'_>) -> Markup {
@@ -40,26 +38,23 @@ fn best_row(row: &InverseRow) -> Vec<String> {
 
 fn training_row(inverse: &FinishedInverse) -> Vec<String> {
     let training = inverse.identification.as_ref();
-    let tests: Vec<&CurrentFigure> = inverse.cross_validation.iter().map(|test| &test.figure).collect();
-    let rmse_a: Option<Vec<f64>> = tests.iter().map(|figure| figure.rmse_a).collect();
-    let rmse_a = rmse_a.filter(|values| !values.is_empty());
-    let missing = tests.iter().filter(|figure| figure.rmse_a.is_none()).count();
+    let rmse_a = inverse.cross_validation.iter().map(|test| test.figure.rmse_a);
+    let missing = rmse_a.clone().filter(Option::is_none).count();
+    let mean_a = InverseRow::of(inverse).map(|row| row.mean_rmse_a);
+    // Without a mean, the largest of the others says little.
+    let largest_a = mean_a.and_then(|_| rmse_a.flatten().reduce(f64::max));
     let remark = match (&inverse.failure, missing) {
         (Some(why), _) => why.clone(),
         (None, 0) => String::new(),
-        (None, missing) => format!("{missing} of {} tests have no figure", tests.len()),
+        (None, missing) => format!("{missing} of {} tests have no figure", inverse.cross_validation.len()),
     };
     vec![
         inverse.method.clone(),
         inverse.trained_on.clone(),
         number(training.and_then(|figure| figure.rmse_a), 3),
         number(training.and_then(|figure| figure.nmse), 4),
-        number(rmse_a.as_ref().map(|values| values.iter().sum::<f64>() / values.len() as f64), 3),
-        number(rmse_a.and_then(|values| values.into_iter().reduce(f64::max)), 3),
+        number(mean_a, 3),
+        number(largest_a, 3),
         remark,
     ]
-}
-
-fn number(value: Option<f64>, decimals: usize) -> String {
-    value.map_or(NONE.to_owned(), |value| format!("{value:.decimals$}"))
 }

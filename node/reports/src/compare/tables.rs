@@ -21,7 +21,7 @@ const PREDICTORS: [(Predictor, &str); 3] = [
     ),
 ];
 
-fn number(value: Option<f64>, decimals: usize) -> String {
+pub(super) fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or(NONE.to_owned(), |value| format!("{value:.decimals$}"))
 }
 

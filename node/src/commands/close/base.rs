@@ -1,7 +1,7 @@
 //! The base model of a diagnosis: a model file, a preset, or a named model that is identified first.
 
+use super::RecordedArgs;
 use super::roles::Given;
-use super::{RecordedArgs, interrupted};
 use crate::commands::conditioning::{FilterArg, VelocityArg};
 use crate::commands::context::CliContext;
 use crate::commands::progress::Working;
@@ -188,7 +188,7 @@ impl Base {
         working.stage("identifying the base");
         let progress = |progress| working.progress(progress);
         let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
-        let found = identify(spec, &runs, &options, &watch).map_err(interrupted)?;
+        let found = identify(spec, &runs, &options, &watch)?;
         for warning in &found.warnings {
             tracing::warn!("the base: {warning}");
         }

@@ -26,7 +26,7 @@ impl FinishedLine for FinishedInverses {
     }
 }
 
-/// The inverse methods to compare: those of `--inverse`; by default all, in a comparison of all models whose drive is a coil current.
+/// The inverse methods to compare: what `--inverse` names; by default all, in a comparison of all models whose drive is a coil current.
 pub(super) fn methods(args: &Args, experiments: &[Experiment]) -> Vec<Method> {
     if !args.inverse.is_empty() {
         return args.inverse.clone();
@@ -38,8 +38,8 @@ pub(super) fn methods(args: &Args, experiments: &[Experiment]) -> Vec<Method> {
     if is_default { Method::ALL.to_vec() } else { Vec::new() }
 }
 
-/// Identifies and tests the inverse methods on each training experiment, or takes the results from `state`. The order is that of the
-/// experiments.
+/// Identifies and tests the inverse methods on each training experiment, or takes the results from `state`. They come in the order of
+/// the experiments.
 ///
 /// # Errors
 /// When the state cannot be written; when interrupted.
@@ -52,9 +52,8 @@ pub(super) fn compute(
         return Ok(Vec::new());
     }
     let keys = CellKeys::new(&work.options, &work.sources);
-    let is_trained_on = |experiment: &Experiment| experiment.training > 0 || experiment.is_fold();
     let places: Vec<usize> =
-        (0..work.experiments.len()).filter(|place| is_trained_on(&work.experiments[*place])).collect();
+        (0..work.experiments.len()).filter(|place| work.experiments[*place].is_trained_on()).collect();
     let bar = bar(context, places.len(), "inverse methods [{bar:40}] {pos}/{len}");
     if bar.is_hidden() && !context.quiet {
         tracing::info!(
@@ -71,11 +70,7 @@ pub(super) fn compute(
         }
         let watch = Watch { cancel: Some(context.interrupt.flag()), progress: None };
         let start = Instant::now();
-        let found = compare::run_inverse(place, &work.inverses, &work.experiments, &work.options, &watch);
-        let inverses = found.map_err(|error| match error {
-            mr_damper_model::Error::Cancelled => NodeError::Interrupted,
-            error => error.into(),
-        })?;
+        let inverses = compare::run_inverse(place, &work.inverses, &work.experiments, &work.options, &watch)?;
         let line = FinishedInverses { key, seconds: start.elapsed().as_secs_f64(), inverses };
         state.add(&line)?;
         bar.inc(1);

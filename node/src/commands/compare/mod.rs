@@ -433,11 +433,7 @@ fn compute_cell(
 ) -> Result<FinishedCell, NodeError> {
     let watch = Watch { cancel: Some(context.interrupt.flag()), progress: None };
     let start = Instant::now();
-    let (finished, model) =
-        compare::run(cell, &work.experiments, &work.options, &watch).map_err(|error| match error {
-            mr_damper_model::Error::Cancelled => NodeError::Interrupted,
-            error => error.into(),
-        })?;
+    let (finished, model) = compare::run(cell, &work.experiments, &work.options, &watch)?;
     let file = |model| ModelFile { model, provenance: Provenance::default() }.to_toml();
     Ok(FinishedCell {
         key: key.to_owned(),
