@@ -482,9 +482,14 @@ fn stretches(runs: &[Rows], basis_len: usize, stride: usize) -> Vec<Rows> {
         runs.iter().enumerate().map(of_run).collect()
     };
     let [longest, shorter @ ..] = STRETCHES;
-    shorter.into_iter().fold(of_length(longest), |sample, length| {
-        if covers_drive(&sample, runs) { sample } else { of_length(length) }
-    })
+    let mut sample = of_length(longest);
+    for length in shorter {
+        if covers_drive(&sample, runs) {
+            break;
+        }
+        sample = of_length(length);
+    }
+    sample
 }
 
 /// True if nearly all rows of `runs` have a drive that a counted row of `sample` has, too.
