@@ -20,7 +20,8 @@ use crate::ros2::graph::Writer;
 use crate::ros2::participant::Ros;
 use crate::settings::config::{Config, InputConfig, RosArgs};
 use crate::settings::error::NodeError;
-use crate::streams::source::zenoh::OtherInputs;
+use crate::streams::source::queued::QueuedInput;
+use crate::streams::source::zenoh::DemandedForce;
 use futures::stream::{LocalBoxStream, Stream, StreamExt};
 use mr_damper_base::clock::system_now;
 use mr_damper_base::worker::{Stop, Worker};
@@ -29,8 +30,10 @@ use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
 use mr_damper_msgs::standard::{Clock, Float64, JointState, Temperature};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
 use ros2_client::{MessageInfo, ReadResult, Subscription};
+use rtrb::Consumer;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
 use std::thread::Thread;
@@ -46,6 +49,16 @@ const HOLDING_NAP: Duration = Duration::from_millis(1);
 const UPDATE_EVERY: Duration = Duration::from_millis(200);
 /// Number of publishers on rmw_zenoh whose nodes' names are kept.
 const NAMED: usize = 64;
+
+/// The source thread's inputs that other threads receive.
+pub struct OtherInputs {
+    /// Demanded forces. They do not wake the thread, because they take effect with the next displacement.
+    pub forces: Consumer<DemandedForce>,
+    /// Samples of nodes on rmw_zenoh.
+    pub samples: Receiver<QueuedInput>,
+    /// Samples of a CAN bus.
+    pub can: Receiver<QueuedInput>,
+}
 
 /// Counters of the source.
 #[derive(Debug, Default)]

@@ -17,7 +17,6 @@ pub use command_check::{CommandCheck, CommandKind, CommandRefusal, ZenohCommand}
 use crate::settings::error::NodeError;
 use crate::streams::changes::Changes;
 use crate::streams::sink::zenoh::CommandCounters;
-use crate::streams::source::queued::QueuedInput;
 use crate::zenoh::session::{Link, ZenohError};
 use mr_damper_base::clock::Clock;
 use mr_damper_base::worker::{Stop, Worker};
@@ -43,16 +42,6 @@ const LOOK: Duration = Duration::from_millis(50);
 
 /// A demanded force with its stamp; `None`: now.
 pub type DemandedForce = (Option<Stamp>, Newton);
-
-/// The source thread's inputs that other threads receive.
-pub struct OtherInputs {
-    /// Demanded forces. They do not wake the thread, because they take effect with the next displacement.
-    pub forces: Consumer<DemandedForce>,
-    /// Samples of nodes on rmw_zenoh.
-    pub samples: Receiver<QueuedInput>,
-    /// Samples of a CAN bus.
-    pub can: Receiver<QueuedInput>,
-}
 
 /// The means to execute commands.
 pub struct CommandContext {
