@@ -288,45 +288,50 @@ fn load_csv(
 /// When the target exists or cannot be written, or the format cannot hold the run (a bag: times before 1970 or after 2038).
 /// After an error no partial output remains.
 pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunError> {
-    if path.symlink_metadata().is_ok() {
-        return Err(RunError::Exists { path: path.to_owned() });
-    }
+    refuse_existing(path)?;
     let even = options.resample_hz.map(|rate_hz| resample::resampled(run, rate_hz, path)).transpose()?;
     let run = &*options.part.of(even.as_ref().unwrap_or(run), path)?;
     match extension(path).as_str() {
         "csv" => write_file(path, |sink| csv_write::write(run, path, sink)),
-        _ => write_bag(run, path, options, &mut bag_save::RunAlone),
+        _ => write_bag(run, path, &options.namespace, &options.bag, &mut bag_save::RunAlone),
     }
 }
 
-/// Writes a run and `messages` as a bag: to a bare `.mcap` or `.db3` file, or to a new bag directory if the path has no extension. The
-/// part and the rate of `options` do not apply: the whole run is written at its own samples.
+/// Writes a run, with topics below `namespace`, and `messages` as a bag: to a bare `.mcap` or `.db3` file, or to a new bag directory if
+/// the path has no extension.
 ///
 /// # Errors
 /// As [`save`].
 pub fn save_with(
     run: &Run,
     path: &Path,
-    options: &SaveOptions,
+    namespace: &str,
+    options: &BagOptions,
     messages: &mut dyn BagMessages,
 ) -> Result<(), RunError> {
-    if path.symlink_metadata().is_ok() {
-        return Err(RunError::Exists { path: path.to_owned() });
+    refuse_existing(path)?;
+    write_bag(run, path, namespace, options, messages)
+}
+
+fn refuse_existing(path: &Path) -> Result<(), RunError> {
+    match path.symlink_metadata() {
+        Ok(_) => Err(RunError::Exists { path: path.to_owned() }),
+        Err(_) => Ok(()),
     }
-    write_bag(run, path, options, messages)
 }
 
 fn write_bag(
     run: &Run,
     path: &Path,
-    options: &SaveOptions,
+    namespace: &str,
+    options: &BagOptions,
     messages: &mut dyn BagMessages,
 ) -> Result<(), RunError> {
-    let stored = |storage| options.bag.clone().stored(storage);
+    let stored = |storage| options.clone().stored(storage);
     match extension(path).as_str() {
-        "mcap" => bag_save::save_file(run, path, &options.namespace, stored(Storage::Mcap), messages),
-        "db3" => bag_save::save_file(run, path, &options.namespace, stored(Storage::Sqlite3), messages),
-        "" => bag_save::save(run, path, &options.namespace, options.bag.clone(), messages),
+        "mcap" => bag_save::save_file(run, path, namespace, stored(Storage::Mcap), messages),
+        "db3" => bag_save::save_file(run, path, namespace, stored(Storage::Sqlite3), messages),
+        "" => bag_save::save(run, path, namespace, options.clone(), messages),
         _ => Err(RunError::Target { path: path.to_owned() }),
     }
 }

@@ -11,7 +11,7 @@ use mr_damper_model::pipeline::{
     Estimate, Event, Mode, Models, Pipeline, Reasons, Residual, Settings, Slot, Transition, Validity,
 };
 use mr_damper_model::sample::{Run, Stamp};
-use mr_damper_runs::{BagMessages, BagWriter, RunError, SaveOptions, save_with, seconds_text, write_text};
+use mr_damper_runs::{BagMessages, BagWriter, RunError, save_with, seconds_text, write_text};
 use std::collections::HashMap;
 use std::iter::Peekable;
 use std::path::PathBuf;
@@ -97,12 +97,7 @@ impl Args {
             frame_id: wire::frame_id(&namespace),
             below: namespace.trim_end_matches('/').to_owned(),
         };
-        let options = SaveOptions {
-            namespace: self.namespace.clone(),
-            bag: self.bag.options(),
-            ..SaveOptions::default()
-        };
-        Ok(save_with(run, &self.out, &options, &mut messages)?)
+        Ok(save_with(run, &self.out, &self.namespace, &self.bag.options(), &mut messages)?)
     }
 }
 
