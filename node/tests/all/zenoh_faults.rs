@@ -2,7 +2,7 @@
 //! bytes.
 
 use crate::turn::turn;
-use crate::wait::{PATIENCE, wait_until};
+use crate::wait::{PATIENCE, comes_true, wait_until};
 use crate::zenoh_support::sessions::router;
 use crate::zenoh_support::*;
 use mr_damper_node::streams::sink::zenoh::{Damper, Link, Mirror, MirrorState, ZenohConfig, ZenohError};
@@ -118,10 +118,19 @@ fn stopping_publishes_pending_samples_and_is_quick() {
     rig.mirror.stop();
     rig.link.close();
     assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
-    wait_until("the last sample", || {
+    let complete = comes_true(|| {
         inbox.of("state/force_estimate").last().is_some_and(|sample| cbor(sample)["seq"] == 1000)
             && inbox.of("web/force_estimate").last().is_some_and(|sample| json(sample)["force_n"] == 999.0)
     });
+    let [state, web] = ["state/force_estimate", "web/force_estimate"].map(|tail| inbox.of(tail));
+    assert!(
+        complete,
+        "of 1000 samples came {}, the last one is {:?}; on the web {}, the last one is {:?}",
+        state.len(),
+        state.last().map(cbor),
+        web.len(),
+        web.last().map(json)
+    );
 }
 
 #[test]

@@ -126,6 +126,9 @@ impl SessionConfig {
             // Declarations and answers block on a consumer that does not read. Close it after 1 s instead of 5 s. Samples
             // never block.
             ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000"),
+            // Samples have this priority, and Zenoh drops what does not fit into its queue. Two batches (128 kB, the default) overflow if
+            // the sending thread waits for the processor while a ring full of events is published. 16 hold about 4000 samples.
+            ("transport/link/tx/queue/size/data_high", "16"),
         ];
         let open = safe.into_iter().filter(|(key, _)| file.pointer(&format!("/{key}")).is_none());
         for (key, value) in settled.into_iter().chain(open.map(|(key, value)| (key, value.to_owned()))) {
