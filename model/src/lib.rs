@@ -95,6 +95,7 @@ pub mod force;
 pub mod identify;
 pub mod inverse;
 mod inverse_model;
+mod lanes;
 pub mod metrics;
 pub mod model;
 pub mod model_file;

@@ -39,6 +39,7 @@
 use super::history::{DEPTH, History, known};
 use crate::elementary::tanh_in_lanes;
 use crate::error::Error;
+use crate::lanes::widest;
 use crate::sample::DriveKind;
 use crate::units::Second;
 
@@ -356,7 +357,11 @@ impl Network {
         if !self.gather(history, &mut inputs) {
             return None;
         }
-        Some(self.force_offset_n + self.scaling.force_deviation_n * self.forward(&inputs[..self.inputs]))
+        let output = widest(
+            #[inline(always)]
+            || self.forward(&inputs[..self.inputs]),
+        );
+        Some(self.force_offset_n + self.scaling.force_deviation_n * output)
     }
 
     /// Fills `inputs` with the normalised inputs from `history`; false if one is not known.
@@ -383,7 +388,7 @@ impl Network {
     }
 
     /// The normalised output for normalised `inputs`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn forward(&self, inputs: &[f64]) -> f64 {
         if self.structure.has_input_neurons() {
             let neurons = self.input_neurons(inputs);
@@ -394,22 +399,20 @@ impl Network {
     }
 
     /// g, the values of the neurons in the input layer.
-    #[inline]
+    #[inline(always)]
     fn input_neurons(&self, inputs: &[f64]) -> [f64; INPUT_LANES] {
         let mut neurons = self.input_bias;
         for ((neuron, gain), input) in neurons.iter_mut().zip(&self.input_gain).zip(inputs) {
             *neuron += gain * input;
         }
-        for values in neurons.chunks_exact_mut(PER_VECTOR) {
-            for value in values {
-                *value = tanh_in_lanes(*value);
-            }
+        for value in &mut neurons {
+            *value = tanh_in_lanes(*value);
         }
         neurons
     }
 
     /// The normalised output for the values `inputs` of the input layer, and the values of the hidden neurons.
-    #[inline]
+    #[inline(always)]
     fn hidden_and_output(&self, inputs: &[f64]) -> (f64, [f64; LANES]) {
         let lanes = self.structure.hidden().next_multiple_of(PER_VECTOR);
         let mut hidden = self.hidden_bias;
@@ -418,12 +421,14 @@ impl Network {
                 *sum += input * weight;
             }
         }
+        for value in &mut hidden[..lanes] {
+            *value = tanh_in_lanes(*value);
+        }
         let mut sums = [0.0; PER_VECTOR];
         for (values, weights) in
-            hidden[..lanes].chunks_exact_mut(PER_VECTOR).zip(self.output.chunks_exact(PER_VECTOR))
+            hidden[..lanes].chunks_exact(PER_VECTOR).zip(self.output.chunks_exact(PER_VECTOR))
         {
-            for ((value, weight), sum) in values.iter_mut().zip(weights).zip(&mut sums) {
-                *value = tanh_in_lanes(*value);
+            for ((value, weight), sum) in values.iter().zip(weights).zip(&mut sums) {
                 *sum += *value * weight;
             }
         }
@@ -443,7 +448,7 @@ impl Network {
     ///
     /// # Panics
     /// When a slice is shorter than the number of inputs or weights.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn gradient(&self, inputs: &[f64], by_weight: &mut [f64], by_input: &mut [f64]) -> f64 {
         let count = self.structure.hidden();
         let inputs = &inputs[..self.inputs];
@@ -544,6 +549,27 @@ mod tests {
                     assert!((truth.eps - found).abs() < 1e-13, "{structure:?} {which}: {truth} {found}");
                     assert!((truth.re - output).abs() < 1e-13);
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn the_vectors_of_the_processor_change_no_bit() {
+        let mut random = Pcg64Mcg::seed_from_u64(5);
+        for structure in NetworkStructure::ALL {
+            let network = network(structure, true, 13);
+            let (n, count) = (network.inputs(), network.parameter_count());
+            for _ in 0..1000 {
+                let inputs: Vec<f64> = (0..n).map(|_| 8.0 * random.random::<f64>() - 4.0).collect();
+                let (mut by_weight, mut by_input) =
+                    ([vec![0.0; count], vec![0.0; count]], [[0.0; MAX_NETWORK_INPUTS]; 2]);
+                let in_pairs = network.gradient(&inputs, &mut by_weight[0], &mut by_input[0]);
+                let in_widest = widest(
+                    #[inline(always)]
+                    || network.gradient(&inputs, &mut by_weight[1], &mut by_input[1]),
+                );
+                assert_eq!(in_pairs.to_bits(), in_widest.to_bits(), "{structure:?}");
+                assert_eq!((&by_weight[0], by_input[0]), (&by_weight[1], by_input[1]), "{structure:?}");
             }
         }
     }

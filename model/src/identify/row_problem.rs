@@ -17,6 +17,7 @@ use super::dataset::{Dataset, Row};
 use super::least_squares::{Normal, Problem};
 use crate::condition::{ApplyTo, LowPass, LowPassState};
 use crate::force::Inputs;
+use crate::lanes::widest;
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -423,19 +424,24 @@ impl Sums {
         let (r0, rest) = group.split_at(width);
         let (r1, rest) = rest.split_at(width);
         let (r2, r3) = rest.split_at(width);
-        for i in 0..width {
-            let (a, b, c, d) = (r0[i], r1[i], r2[i], r3[i]);
-            // Sets far from the drive of these rows have zero columns.
-            if a == 0.0 && b == 0.0 && c == 0.0 && d == 0.0 {
-                continue;
-            }
-            self.linear[i] += (roots[0] * a + roots[1] * b) + (roots[2] * c + roots[3] * d);
-            let products = &mut self.products[i * width + i..(i + 1) * width];
-            let columns = r0[i..].iter().zip(&r1[i..]).zip(&r2[i..]).zip(&r3[i..]);
-            for (product, (((w, x), y), z)) in products.iter_mut().zip(columns) {
-                *product += (a * w + b * x) + (c * y + d * z);
-            }
-        }
+        widest(
+            #[inline(always)]
+            || {
+                for i in 0..width {
+                    let (a, b, c, d) = (r0[i], r1[i], r2[i], r3[i]);
+                    // Sets far from the drive of these rows have zero columns.
+                    if a == 0.0 && b == 0.0 && c == 0.0 && d == 0.0 {
+                        continue;
+                    }
+                    self.linear[i] += (roots[0] * a + roots[1] * b) + (roots[2] * c + roots[3] * d);
+                    let products = &mut self.products[i * width + i..(i + 1) * width];
+                    let columns = r0[i..].iter().zip(&r1[i..]).zip(&r2[i..]).zip(&r3[i..]);
+                    for (product, (((w, x), y), z)) in products.iter_mut().zip(columns) {
+                        *product += (a * w + b * x) + (c * y + d * z);
+                    }
+                }
+            },
+        );
     }
 }
 

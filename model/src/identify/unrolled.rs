@@ -12,6 +12,7 @@
 use super::dataset::Dataset;
 use super::least_squares::{Normal, Problem};
 use crate::force::{DEPTH, MAX_NETWORK_INPUTS, Network};
+use crate::lanes::widest;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -164,7 +165,10 @@ impl Table {
             let mut forces = [0.0; DEPTH];
             for k in 0..segment.len() {
                 segment.inputs(k, &forces[..force_lags], &mut inputs);
-                let predicted = network.forward(&inputs[..network.inputs()]);
+                let predicted = widest(
+                    #[inline(always)]
+                    || network.forward(&inputs[..network.inputs()]),
+                );
                 forces.copy_within(..DEPTH - 1, 1);
                 forces[0] = predicted;
                 if segment.counts[k] {
@@ -303,7 +307,11 @@ impl Table {
         for (step, k) in window.rows.clone().enumerate() {
             segment.inputs(k, &forces[..force_lags], &mut inputs);
             let by_weight = &mut tape.by_weight[step * gradient.len()..][..gradient.len()];
-            let predicted = network.gradient(&inputs[..n], by_weight, &mut tape.by_input[step]);
+            let by_input = &mut tape.by_input[step];
+            let predicted = widest(
+                #[inline(always)]
+                || network.gradient(&inputs[..n], by_weight, by_input),
+            );
             let residual = if segment.counts[k] { predicted - segment.measured(k) } else { 0.0 };
             tape.errors[step] = residual;
             cost += residual * residual;
@@ -315,13 +323,22 @@ impl Table {
             for lag in 1..=force_lags.min(step) {
                 tape.errors[step - lag] += error * tape.by_input[step][n - force_lags + lag - 1];
             }
-            let by_weight = &tape.by_weight[step * gradient.len()..];
-            for (sum, by_weight) in gradient.iter_mut().zip(by_weight) {
-                *sum += error * by_weight;
-            }
+            add_times(gradient, error, &tape.by_weight[step * gradient.len()..]);
         }
         cost
     }
+}
+
+/// Adds `factor` times `from` to `to`.
+fn add_times(to: &mut [f64], factor: f64, from: &[f64]) {
+    widest(
+        #[inline(always)]
+        || {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to += factor * from;
+            }
+        },
+    );
 }
 
 /// Intermediate results of back-propagation through the steps of a window.
@@ -361,12 +378,13 @@ impl Unrolled<'_> {
             for (step, k) in (window.rows.start..=last).enumerate() {
                 segment.inputs(k, &forces[..force_lags], &mut inputs);
                 let mut here = std::mem::take(&mut ring[step % (force_lags + 1)]);
-                let predicted = network.gradient(&inputs[..n], &mut here, &mut by_input);
+                let predicted = widest(
+                    #[inline(always)]
+                    || network.gradient(&inputs[..n], &mut here, &mut by_input),
+                );
                 for lag in 1..=force_lags.min(step) {
                     let factor = by_input[n - force_lags + lag - 1];
-                    for (to, from) in here.iter_mut().zip(&ring[(step - lag) % (force_lags + 1)]) {
-                        *to += factor * from;
-                    }
+                    add_times(&mut here, factor, &ring[(step - lag) % (force_lags + 1)]);
                 }
                 forces.copy_within(..DEPTH - 1, 1);
                 forces[0] = predicted;

@@ -16,6 +16,7 @@
 use super::premises::Link;
 use crate::force::tsk::Firing;
 use crate::force::{MAX_INPUTS, MAX_SETS, TskInput};
+use crate::lanes::widest;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -462,13 +463,18 @@ fn add_outer(total: &mut [f64], left: &[f64], right: &[f64]) {
     let (r0, rest) = right.split_at(n);
     let (r1, rest) = rest.split_at(n);
     let (r2, r3) = rest.split_at(n);
-    for i in 0..m {
-        let (a, b, c, d) = (left[i], left[m + i], left[2 * m + i], left[3 * m + i]);
-        let columns = r0.iter().zip(r1).zip(r2).zip(r3);
-        for (total, (((w, x), y), z)) in total[i * n..(i + 1) * n].iter_mut().zip(columns) {
-            *total += (a * w + b * x) + (c * y + d * z);
-        }
-    }
+    widest(
+        #[inline(always)]
+        || {
+            for i in 0..m {
+                let (a, b, c, d) = (left[i], left[m + i], left[2 * m + i], left[3 * m + i]);
+                let columns = r0.iter().zip(r1).zip(r2).zip(r3);
+                for (total, (((w, x), y), z)) in total[i * n..(i + 1) * n].iter_mut().zip(columns) {
+                    *total += (a * w + b * x) + (c * y + d * z);
+                }
+            }
+        },
+    );
 }
 
 #[cfg(test)]
