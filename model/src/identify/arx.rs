@@ -2,7 +2,8 @@
 
 use super::Watch;
 use super::dataset::Dataset;
-use super::regression::{Regression, common_rate};
+use super::regression::{LAG_LISTS, Regression, common_rate};
+use super::report::ParameterValue;
 use crate::error::Error;
 use crate::force::{Arx, ArxShape, Dependence};
 use crate::sample::DriveKind;
@@ -16,6 +17,8 @@ pub(super) struct Fitted {
     pub(super) offsets_n: Vec<f64>,
     /// Rank of the regression; a recursive fit does not compute it.
     pub(super) rank: Option<usize>,
+    /// The coefficients with their standard errors; empty after a recursive fit.
+    pub(super) parameters: Vec<ParameterValue>,
 }
 
 /// Fits a passive (`drive` is `None`) or semi-active ARX of `shape` to `datasets`, in one step or, `recursively`, sample by
@@ -40,5 +43,17 @@ pub(super) fn fit(
     let of = |signal: usize| &found.coefficients.as_slice()[signal * lags..(signal + 1) * lags];
     let (offset_n, period) = (super::mean_offset(datasets, &found.offsets_n), Second(period_s));
     let model = shape.model([of(0), of(1), of(2)], drive.map(|kind| (kind, of(3))), period, offset_n)?;
-    Ok(Fitted { model, offsets_n: found.offsets_n, rank: found.rank })
+    let name = |j: usize| format!("{}[{}]", lag_lists(drive)[j / lags], j % lags);
+    let parameters = found.parameters(&name);
+    Ok(Fitted { model, offsets_n: found.offsets_n, rank: found.rank, parameters })
+}
+
+/// The lists of coefficients in a model file, in the order of the regression.
+fn lag_lists(drive: Option<DriveKind>) -> [&'static str; 4] {
+    let of_drive = match drive {
+        Some(DriveKind::CommandVoltage) => "voltage_lags_n_v",
+        Some(DriveKind::CoilCurrent) | None => "current_lags_n_a",
+    };
+    let [force, displacement, velocity] = LAG_LISTS;
+    [force, displacement, velocity, of_drive]
 }

@@ -99,7 +99,12 @@ impl Job<'_> {
     fn arx(&self, shape: ArxShape) -> Result<Fitted, Error> {
         let recursively = self.spec.variant() == Some(Variant::Recursive);
         let fitted = arx::fit(self.datasets, shape, self.drive, recursively, self.watch)?;
-        let details = Details { rank: fitted.rank, converged: true, ..Details::default() };
+        let details = Details {
+            rank: fitted.rank,
+            parameters: fitted.parameters,
+            converged: true,
+            ..Details::default()
+        };
         Ok((ForceModel::Arx(fitted.model), fitted.offsets_n, details))
     }
 
@@ -111,8 +116,9 @@ impl Job<'_> {
         let fitted = lpv::fit(self.datasets, dependence, self.watch)?;
         let mut warnings = self.lowered_degree(&dependence);
         warnings.extend(fitted.warnings);
+        let (rank, parameters) = (fitted.rank, fitted.parameters);
         let details =
-            Details { rank: fitted.rank, converged: true, memberships, warnings, ..Details::default() };
+            Details { rank, parameters, converged: true, memberships, warnings, ..Details::default() };
         Ok((ForceModel::Lpv(fitted.model), fitted.offsets_n, details))
     }
 

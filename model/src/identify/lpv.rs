@@ -3,9 +3,10 @@
 
 use super::Watch;
 use super::dataset::Dataset;
-use super::regression::{Regression, common_rate};
+use super::regression::{LAG_LISTS, Regression, common_rate};
+use super::report::ParameterValue;
 use crate::error::Error;
-use crate::force::{Dependence, LAGS, Lpv};
+use crate::force::{Dependence, LAGS, LPV_REGRESSORS, Lpv};
 use crate::units::Second;
 
 /// Number of drive values, over the range in the runs, at which poles are checked.
@@ -19,6 +20,8 @@ pub(super) struct Fitted {
     pub(super) offsets_n: Vec<f64>,
     /// Rank of the regression.
     pub(super) rank: Option<usize>,
+    /// The coefficients with their standard errors.
+    pub(super) parameters: Vec<ParameterValue>,
     /// Warnings for the user of the model.
     pub(super) warnings: Vec<String>,
 }
@@ -31,7 +34,13 @@ pub(super) fn fit(datasets: &[Dataset], dependence: Dependence, watch: &Watch) -
     let found = regression.fit(datasets, watch)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
     let model = Lpv::new(dependence, found.coefficients.as_slice(), Second(period_s), offset_n)?;
-    Ok(Fitted { warnings: unstable(&model, datasets)?, model, offsets_n: found.offsets_n, rank: found.rank })
+    // The model file lists the copies of each coefficient.
+    let name = |j: usize| {
+        let (copy, regressor) = (j / LPV_REGRESSORS, j % LPV_REGRESSORS);
+        format!("{}[{}][{copy}]", LAG_LISTS[regressor / LAGS], regressor % LAGS)
+    };
+    let (warnings, parameters) = (unstable(&model, datasets)?, found.parameters(&name));
+    Ok(Fitted { warnings, model, offsets_n: found.offsets_n, rank: found.rank, parameters })
 }
 
 /// A warning if a pole lies on or outside the unit circle at some constant drive within the runs' range.

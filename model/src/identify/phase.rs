@@ -15,7 +15,7 @@
 //!
 //! Source: `[wang2006]` in the bibliography (node/docs/guide/bibliography.md), equations 4.6 and 4.7 of the thesis.
 
-use super::regression::Triangle;
+use super::regression::{Solution, Triangle};
 use super::{Dataset, Watch};
 use crate::error::{Error, IdentifyError};
 use crate::force::{ForceMotion, MAX_DEGREE, PHASE_PARAMETERS, Phase};
@@ -121,7 +121,7 @@ pub fn identify_phase(
             return Err(Error::Cancelled);
         }
     }
-    let (coefficients, rank) = triangle.solve(&DVector::zeros(n))?;
+    let Solution { coefficients, rank, .. } = triangle.solve(&DVector::zeros(n))?;
     let phase = Phase::new(options.drive, coefficients.as_slice())?;
     let mut sum = ErrorSum::default();
     for at in instants.iter().flatten() {

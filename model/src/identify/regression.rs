@@ -15,6 +15,10 @@
 //! If coefficients depend on the drive, the zero z of a run is its mean force, since otherwise c would depend
 //! on the drive too. For a plain ARX model z is 0, because c includes it.
 //!
+//! Standard errors come from the sandwich formula H^+ B H^+, as for nonlinear fits. H = R'R is the normal matrix. B is the scatter of the
+//! gradient over blocks of one second, because the errors of an incomplete model are correlated from sample to sample. If the rank is too
+//! low, the rows do not determine every coefficient; the standard errors of those are NaN.
+//!
 //! Stamps jitter by their rounding. A difference quotient over the stamped step then differs from x_k -
 //! x_{k-1} by that jitter, and the regression would take the two for independent signals, with huge,
 //! meaningless coefficients. A backward difference is therefore rescaled to the nominal period.
@@ -22,6 +26,7 @@
 use super::Watch;
 use super::dataset::Dataset;
 use super::recursive::{FORGETTING, INITIAL_VARIANCE, Recursion};
+use super::report::ParameterValue;
 use crate::condition::{ApplyTo, VelocitySource};
 use crate::error::{Error, IdentifyError};
 use crate::force::Dependence;
@@ -45,8 +50,15 @@ const RATE_TOLERANCE: f64 = 0.01;
 const STEP_TOLERANCE: f64 = 0.25;
 /// Largest share of steps beyond [`STEP_TOLERANCE`]; they are left out. With more of them, hardly any step follows enough others.
 const MOST_UNEVEN: f64 = 0.2;
+/// Length of the blocks in which errors may be correlated, s.
+const BLOCK_S: f64 = 1.0;
+/// Largest share of a coefficient's direction outside the rows for a coefficient that they determine.
+const UNDETERMINED: f64 = 1e-8;
 /// Smallest number of rows per coefficient.
 const ROWS_PER_PARAMETER: usize = 10;
+
+/// The lists of coefficients in a model file, in the order of the regression.
+pub(super) const LAG_LISTS: [&str; 3] = ["force_lags", "displacement_lags_n_m", "velocity_lags_n_s_m"];
 
 /// Defines the rows of a regression and their contents.
 #[derive(Debug, Clone, Copy)]
@@ -73,6 +85,21 @@ pub(super) struct Regressed {
     pub(super) offsets_n: Vec<f64>,
     /// Rank of the regression; a recursive fit does not compute it.
     pub(super) rank: Option<usize>,
+    /// Standard error of each coefficient, NaN if the rows do not determine it; empty after a recursive fit.
+    pub(super) standard_errors: Vec<f64>,
+}
+
+impl Regressed {
+    /// The coefficients with their standard errors; `name` gives the name of each in a model file. Empty after a recursive fit.
+    pub(super) fn parameters(&self, name: &dyn Fn(usize) -> String) -> Vec<ParameterValue> {
+        let both = self.coefficients.iter().zip(&self.standard_errors).enumerate();
+        let one = |(j, (value, error)): (usize, (&f64, &f64))| ParameterValue {
+            name: name(j),
+            value: *value,
+            standard_error: *error,
+        };
+        both.map(one).collect()
+    }
 }
 
 /// Summary of the rows of one run.
@@ -118,10 +145,53 @@ impl Regression {
             let root = (means.rows as f64).sqrt();
             rounding += means.mean.rows(0, n).map(|m| ROUNDING * m.abs() * root);
         }
-        let (coefficients, rank) = triangle.solve(&rounding)?;
-        let runs = datasets.iter().zip(&means);
-        let offsets_n = runs.map(|(dataset, means)| self.offset_n(&coefficients, dataset, means)).collect();
-        Ok(Regressed { coefficients, offsets_n, rank: Some(rank) })
+        let Solution { coefficients, rank, inverse, determined } = triangle.solve(&rounding)?;
+        let runs = || datasets.iter().zip(&means);
+        let of_runs: Vec<(DVector<f64>, u32)> = datasets
+            .par_iter()
+            .zip(&means)
+            .map(|(dataset, means)| self.variances(&coefficients, &inverse, dataset, means))
+            .collect();
+        let variances = of_runs.iter().fold(DVector::zeros(n), |sum, (run, _)| sum + run);
+        let blocks = of_runs.iter().map(|(_, blocks)| f64::from(*blocks)).sum::<f64>();
+        // A block takes part in the fit that its errors belong to.
+        let unbiased = if blocks > 1.0 { blocks / (blocks - 1.0) } else { f64::NAN };
+        let error = |j: usize| if determined[j] { (unbiased * variances[j]).sqrt() } else { f64::NAN };
+        let standard_errors = (0..n).map(error).collect();
+        let offsets_n = runs().map(|(dataset, means)| self.offset_n(&coefficients, dataset, means)).collect();
+        Ok(Regressed { coefficients, offsets_n, rank: Some(rank), standard_errors })
+    }
+
+    /// The diagonal of H^+ B H^+ for one run, and the number of its blocks. H^+ meets the gradient of each block before it is squared: regressors that are nearly collinear
+    /// would leave nothing of B but rounding errors.
+    fn variances(
+        &self,
+        coefficients: &DVector<f64>,
+        inverse: &DMatrix<f64>,
+        dataset: &Dataset,
+        means: &Means,
+    ) -> (DVector<f64>, u32) {
+        let n = self.columns();
+        let of_block = (BLOCK_S / self.period_s).round().max(1.0) as usize;
+        let (mut block, mut filled, mut blocks) = (DVector::<f64>::zeros(n), 0, 0);
+        let mut variances = DVector::<f64>::zeros(n);
+        let mut centred = DVector::<f64>::zeros(n);
+        self.each(dataset, 0..dataset.rows.len(), means.zero_n, |row, _| {
+            centred.iter_mut().zip(row).zip(&means.mean).for_each(|((to, value), mean)| *to = value - mean);
+            let error = row[n] - means.mean[n] - coefficients.dot(&centred);
+            block.axpy(error, &centred, 1.0);
+            filled += 1;
+            if filled == of_block {
+                variances += (inverse * &block).map(|change| change * change);
+                block.fill(0.0);
+                (filled, blocks) = (0, blocks + 1);
+            }
+        });
+        if filled > 0 {
+            variances += (inverse * block).map(|change| change * change);
+            blocks += 1;
+        }
+        (variances, blocks)
     }
 
     /// Refuses runs with too few rows for the number of coefficients.
@@ -188,7 +258,7 @@ impl Regression {
             DVector::from_iterator(n, recursion.coefficients().iter().zip(&deviations).take(n).map(unscaled));
         let runs = datasets.iter().zip(&means);
         let offsets_n = runs.map(|(dataset, means)| self.offset_n(&coefficients, dataset, means)).collect();
-        Ok(Regressed { coefficients, offsets_n, rank: None })
+        Ok(Regressed { coefficients, offsets_n, rank: None, standard_errors: Vec::new() })
     }
 
     /// The force offset of a run, N, from its constant c.
@@ -385,39 +455,67 @@ impl Triangle {
         self.factor
     }
 
-    /// Minimum-norm least-squares solution, and the rank. Columns no longer than `rounding` are taken as
-    /// zero.
-    pub(super) fn solve(mut self, rounding: &DVector<f64>) -> Result<(DVector<f64>, usize), Error> {
+    /// Minimum-norm least-squares solution. Columns no longer than `rounding` are taken as zero.
+    pub(super) fn solve(mut self, rounding: &DVector<f64>) -> Result<Solution, Error> {
         self.fold();
-        solve(&self.factor, rounding)
+        Solution::of(&self.factor, rounding)
     }
 }
 
-/// Minimum-norm least-squares solution of the triangle, and the rank. Columns no longer than `rounding` are
-/// taken as zero.
-fn solve(triangle: &DMatrix<f64>, rounding: &DVector<f64>) -> Result<(DVector<f64>, usize), Error> {
-    let n = triangle.ncols() - 1;
-    let force = triangle.column(n).into_owned();
-    let mut regressors = triangle.columns(0, n).into_owned();
-    // Columns get unit norm; otherwise the units of newtons and metres would affect the rank and the norm.
-    let norms = regressors.column_iter().map(|column| column.norm());
-    let scales: Vec<f64> = norms.zip(rounding).map(|(norm, r)| if norm > *r { norm } else { 0.0 }).collect();
-    for (mut column, scale) in regressors.column_iter_mut().zip(&scales) {
-        if *scale > 0.0 {
-            column /= *scale;
-        } else {
-            column.fill(0.0);
+/// Minimum-norm least-squares solution of a triangle R.
+pub(super) struct Solution {
+    pub(super) coefficients: DVector<f64>,
+    pub(super) rank: usize,
+    /// (R'R)^+.
+    inverse: DMatrix<f64>,
+    /// Whether the rows determine each coefficient.
+    determined: Vec<bool>,
+}
+
+impl Solution {
+    /// The solution of `triangle`, whose last column is the force. Columns no longer than `rounding` are taken as zero.
+    fn of(triangle: &DMatrix<f64>, rounding: &DVector<f64>) -> Result<Self, Error> {
+        let n = triangle.ncols() - 1;
+        let force = triangle.column(n).into_owned();
+        let mut regressors = triangle.columns(0, n).into_owned();
+        // Columns get unit norm; otherwise the units of newtons and metres would affect the rank and the norm.
+        let norms = regressors.column_iter().map(|column| column.norm());
+        let scales: Vec<f64> =
+            norms.zip(rounding).map(|(norm, r)| if norm > *r { norm } else { 0.0 }).collect();
+        for (mut column, scale) in regressors.column_iter_mut().zip(&scales) {
+            if *scale > 0.0 {
+                column /= *scale;
+            } else {
+                column.fill(0.0);
+            }
         }
+        let constant = IdentifyError::Constant { channel: "force or displacement" };
+        let svd = regressors.svd(true, true);
+        let largest = svd.singular_values.max();
+        let tolerance = RANK_TOLERANCE * largest;
+        let rank = svd.rank(tolerance);
+        let solution = svd
+            .solve(&force, tolerance)
+            .ok()
+            .filter(|s| rank > 0 && s.iter().all(|v| v.is_finite()))
+            .ok_or(constant)?;
+        let per = |scale: f64| if scale > 0.0 { 1.0 / scale } else { 0.0 };
+        let unscaled = |(value, scale): (&f64, &f64)| if *scale > 0.0 { value / scale } else { 0.0 };
+        let mut inverse = DMatrix::zeros(n, n);
+        let mut within = vec![0.0; n];
+        for (value, direction) in svd.singular_values.iter().zip(svd.v_t.iter().flat_map(DMatrix::row_iter)) {
+            if *value > tolerance {
+                let direction = direction.transpose();
+                within.iter_mut().zip(&direction).for_each(|(sum, part)| *sum += part * part);
+                let unscaled = DVector::from_fn(n, |j, _| direction[j] * per(scales[j]) / value);
+                inverse.ger(1.0, &unscaled, &unscaled, 1.0);
+            }
+        }
+        Ok(Self {
+            coefficients: DVector::from_iterator(n, solution.iter().zip(&scales).map(unscaled)),
+            rank,
+            inverse,
+            determined: within.iter().map(|within| 1.0 - within < UNDETERMINED).collect(),
+        })
     }
-    let svd = regressors.svd(true, true);
-    let largest = svd.singular_values.max();
-    let tolerance = RANK_TOLERANCE * largest;
-    let rank = svd.rank(tolerance);
-    let solution = svd
-        .solve(&force, tolerance)
-        .ok()
-        .filter(|s| rank > 0 && s.iter().all(|v| v.is_finite()))
-        .ok_or(IdentifyError::Constant { channel: "force or displacement" })?;
-    let unscaled = |(value, scale): (&f64, &f64)| if *scale > 0.0 { value / scale } else { 0.0 };
-    Ok((DVector::from_iterator(n, solution.iter().zip(&scales).map(unscaled)), rank))
 }

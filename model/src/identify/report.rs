@@ -33,7 +33,7 @@ pub struct Identified {
     pub velocity_trials: Vec<VelocityTrial>,
     /// Rank of the regression (ARX): less than the number of coefficients if regressors are collinear.
     pub rank: Option<usize>,
-    /// Parameters of a nonlinear fit and their standard errors.
+    /// Parameters of a fit and their standard errors; empty for networks, fuzzy rules, lazy learning and recursive fits.
     pub parameters: Vec<ParameterValue>,
     /// RMSE of each restart, N, lowest first: on its sample of the rows (fuzzy-tanh), of the simulation over
     /// the held-back rows (networks), or of each choice of metric and neighbours (boada). If many are close

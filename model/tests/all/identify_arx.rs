@@ -82,6 +82,53 @@ fn coefficients_and_offsets_are_recovered() {
 }
 
 #[test]
+fn the_truth_lies_within_two_standard_errors_in_95_percent() {
+    const RUNS: u64 = 200;
+    /// 97.5 % quantile of Student's t for the 40 blocks of a run.
+    const QUANTILE: f64 = 2.02;
+    let model = the_truth(true);
+    let (f, x, v) = (model.force_lags(), model.displacement_lags_n_m(), model.velocity_lags_n_s_m());
+    let (_, i) = model.drive_lags().expect("the model has a drive");
+    let truth = [f, x, v, i].concat();
+    let (mut inside, mut all) = (vec![0; truth.len()], 0);
+    for seed in 0..RUNS {
+        let recipe = Recipe { drive: steps, duration_s: 40.0, seed: 100 + seed, ..Recipe::default() };
+        let found = identify(
+            ModelSpec::ARX_SEMI_ACTIVE,
+            &[arx_run(&model, 2.0, recipe)],
+            &options(VelocitySource::Measured),
+            &Watch::none(),
+        )
+        .expect("identifies");
+        assert_eq!(found.parameters.len(), truth.len());
+        assert_eq!(found.parameters[3].name, "displacement_lags_n_m[0]");
+        all += 1;
+        for ((count, estimate), truth) in inside.iter_mut().zip(&found.parameters).zip(&truth) {
+            *count += u64::from((estimate.value - truth).abs() < QUANTILE * estimate.standard_error);
+        }
+    }
+    let share = inside.iter().sum::<u64>() as f64 / (all * truth.len() as u64) as f64;
+    println!("inside 95 %: {share:.3}, by coefficient {inside:?} of {all}");
+    assert!((0.92..=0.97).contains(&share), "{share} {inside:?}");
+    assert!(inside.iter().all(|count| *count * 100 >= all * 85), "{inside:?} of {all}");
+}
+
+#[test]
+fn a_coefficient_that_the_runs_do_not_determine_has_no_standard_error() {
+    let model = truth(KIND);
+    let recipe = Recipe { drive: steps, noise_n: 3.0, ..Recipe::default() };
+    let runs = [run(recipe, KIND, |x, v, i| model.force_n(x, v, i))];
+    let backward = options(VelocitySource::Backward);
+    let found = identify(ModelSpec::ARX_SEMI_ACTIVE, &runs, &backward, &Watch::none()).expect("identifies");
+    for estimate in &found.parameters {
+        // v_k is a difference of x_k and x_{k-1}; x_{k-3} is in v_{k-2} only.
+        let of_motion = estimate.name.starts_with("displacement") || estimate.name.starts_with("velocity");
+        let is_exchangeable = of_motion && estimate.name != "velocity_lags_n_s_m[2]";
+        assert_eq!(estimate.standard_error.is_nan(), is_exchangeable, "{estimate:?}");
+    }
+}
+
+#[test]
 fn collinear_regressors_give_the_minimum_norm_solution() {
     let model = truth(KIND);
     let recipe = Recipe { drive: steps, noise_n: 3.0, offset_n: 30.0, ..Recipe::default() };

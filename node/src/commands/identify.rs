@@ -557,7 +557,7 @@ fn remarks(report: &Report<'_>) -> Vec<String> {
         .map(|rank| {
             let of = report.parameters;
             format!(
-                "rank {rank} of {of}: the regressors are collinear, so single coefficients have no meaning"
+                "rank {rank} of {of}: the regressors are collinear, so the runs do not determine every coefficient"
             )
         })
         .into_iter()
@@ -568,7 +568,9 @@ fn remarks(report: &Report<'_>) -> Vec<String> {
         remarks.push("the 90 % band of the estimates is calibrated on the held-out runs".to_owned());
     }
     let bounds = report.active_bounds.iter();
-    let vague = |e: &&Estimate<'_>| e.standard_error.is_none_or(|error| error > 0.5 * e.value.abs());
+    // The remark on the rank covers coefficients without a standard error.
+    let vague =
+        |e: &&Estimate<'_>| e.standard_error.map_or(rank.is_none(), |error| error > 0.5 * e.value.abs());
     let vague: Vec<&str> = report.estimates.iter().filter(vague).map(|e| e.parameter).collect();
     if !vague.is_empty() {
         remarks.push(format!(
