@@ -1,4 +1,5 @@
-// Counts the calls of operator new by each thread of the whole program. A file of its own, so that the compiler does not look through the operators.
+// Counts the calls of operator new by each thread of the whole program. A file of its own, so that the compiler does not look through
+// the operators.
 #include "allocations.hpp"
 
 #include <cstdlib>

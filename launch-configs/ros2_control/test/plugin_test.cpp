@@ -1,7 +1,7 @@
 // The plugin as the controller manager uses it: loaded by pluginlib, configured by parameters, given interfaces, activated, updated. Its
 // exported state interfaces and its command must have the service's bits (the vectors of `mr-damper export --vectors`).
 //
-// usage: plugin_test VECTORS.csv      prints what was checked; the exit code is 1 if something differs
+// usage: plugin_test VECTORS.csv controllers.yaml      prints what was checked; the exit code is 1 if something differs
 
 #include <cstdio>
 #include <future>
@@ -40,13 +40,14 @@ constexpr const char* kCommand = "front_left/current_command";
 // A controller with everything that a controller manager gives it.
 class Rig {
  public:
-  Rig(pluginlib::ClassLoader<ChainableControllerInterface>& loader, const std::string& name, std::vector<rclcpp::Parameter> parameters)
+  Rig(pluginlib::ClassLoader<ChainableControllerInterface>& loader, const std::string& name, std::vector<rclcpp::Parameter> parameters,
+      const std::vector<std::string>& arguments = {})
       : controller_(loader.createSharedInstance("mr_damper_controller/MrDamperController")) {
     controller_interface::ControllerInterfaceParams init;
     init.controller_name = name;
     init.update_rate = 1000;
     init.controller_manager_update_rate = 1000;
-    init.node_options = controller_->define_custom_node_options().parameter_overrides(parameters);
+    init.node_options = controller_->define_custom_node_options().parameter_overrides(parameters).arguments(arguments);
     check(controller_->init(init) == return_type::OK, "the controller does not initialise");
   }
 
@@ -227,6 +228,14 @@ void references_count_once(Loader& loader, const std::vector<Vector>& all) {
   chained.deactivate();
 }
 
+// The example configures a model with displacement and current.
+void example(Loader& loader, const std::string& file) {
+  Rig rig(loader, "front_left_damper", {}, {"--ros-args", "--params-file", file});
+  check(rig.configure(), "the example does not configure");
+  const auto names = rig.controller()->state_interface_configuration().names;
+  check(names == std::vector<std::string>{"front_left/position", "front_left/current"}, "the example names other interfaces");
+}
+
 void bad_parameters(Loader& loader) {
   const auto refuses = [&](const char* node, std::vector<rclcpp::Parameter> parameters) {
     Rig rig(loader, node, std::move(parameters));
@@ -235,9 +244,12 @@ void bad_parameters(Loader& loader) {
   check(refuses("bad_name", {{"displacement.state_interface", "position"}}), "a name without a slash is taken");
   check(refuses("bad_offset", {{"displacement.offset_m", kNaN}}), "an offset that is NaN is taken");
   if (kInputs[kCurrent].exists) {
-    check(refuses("twice", {{"displacement.state_interface", "a/b"}, {"current.state_interface", "a/b"}}), "one interface serves two inputs");
+    check(refuses("twice", {{"displacement.state_interface", "a/b"}, {"current.state_interface", "a/b"}}),
+          "one interface serves two inputs");
   }
-  if (kHasInverse) check(refuses("bad_command", {{"current_command.command_interface", "/x"}}), "a command interface without a joint is taken");
+  if (kHasInverse) {
+    check(refuses("bad_command", {{"current_command.command_interface", "/x"}}), "a command interface without a joint is taken");
+  }
   bool is_thrown = false;
   try {
     Rig rig(loader, "bad_sign", {{"displacement.sign", 0}});
@@ -252,8 +264,8 @@ void bad_parameters(Loader& loader) {
 
 int main(int count, char** words) {
   using namespace mr_damper_controller;
-  if (count != 2) {
-    std::fprintf(stderr, "usage: plugin_test VECTORS.csv\n");
+  if (count != 3) {
+    std::fprintf(stderr, "usage: plugin_test VECTORS.csv controllers.yaml\n");
     return 2;
   }
   rclcpp::init(0, nullptr);
@@ -267,6 +279,7 @@ int main(int count, char** words) {
     direction(loader, all);
     busy_interfaces(loader, all);
     references_count_once(loader, all);
+    if (kInputs[kCurrent].exists && !kInputs[kVelocity].exists) example(loader, words[2]);
     bad_parameters(loader);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "plugin_test: %s\n", error.what());

@@ -1,11 +1,12 @@
 // A ros2_control controller around a model that `mr-damper export` wrote as C.
 //
-//   state interfaces ──┐                                    ┌──→ state interfaces NAME/force, NAME/validity, ...
-//                      ├──→ Readings ──→ Core ──→ Values ──┤
-//   reference interfaces (NAME/force_request, ...) ──┘      └──→ one command interface (with the inverse controller)
+//   state interfaces ─────────┐                              ┌──→ state interfaces NAME/force, NAME/validity, ...
+//                             ├──→ Readings → Core → Values ─┤
+//   reference interfaces ─────┘                              └──→ one command interface (with the inverse controller)
+//   (NAME/force_request, ...)
 //
-// core.hpp has the damper; this class connects it to the interfaces. An update allocates nothing, takes no lock that it would wait for,
-// and logs nothing.
+// core.hpp has the damper; this class connects it to the interfaces. An update allocates nothing and logs nothing, and tries
+// a busy interface a few times instead of waiting for it.
 #pragma once
 
 #include <array>
