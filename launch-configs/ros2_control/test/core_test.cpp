@@ -76,6 +76,32 @@ int restart(const std::vector<Vector>& all) {
   return 0;
 }
 
+// Without displacements the current goes to the safe current (0 A), and never up; one reading more does not bring it back.
+int lost_displacement(const std::vector<Vector>& all) {
+  if (!kHasInverse) return 0;
+  Core core;
+  std::size_t k = 0;
+  double before_a = 0.0;
+  while (k < all.size() && before_a < 0.5) {
+    const Values values = core.update(all[k].time_ns, all[k].readings);
+    before_a = all[k].is_accepted ? values[kCurrentCommand] : 0.0;
+    ++k;
+  }
+  if (k == all.size()) return fail("the vectors have no current of 0.5 A or more");
+  std::int64_t time_ns = all[k - 1].time_ns;
+  Readings none;
+  none.fill(kNaN);
+  const double first_a = before_a;
+  for (int sample = 0; sample < 1000; ++sample) {
+    const Values values = core.update(time_ns += 1000000, none);
+    if (values[kValidity] != kIsInvalid) return fail("a lost displacement leaves a valid estimate");
+    if (values[kCurrentCommand] > before_a) return fail("the current rises without displacements");
+    before_a = values[kCurrentCommand];
+    if (sample == 90 && before_a != first_a) return fail("the current falls before the timeout of 0.1 s");
+  }
+  return before_a == 0.0 ? 0 : fail("the current is not the safe one after a second without displacements");
+}
+
 int idle() {
   const Values values = Core::without_estimate();
   if (!std::isnan(values[kForce]) || values[kValidity] != 4.0 || values[kMode] != 4.0) return fail("no estimate is not marked as invalid");
@@ -96,7 +122,7 @@ int main(int count, char** words) {
     const auto all = read_vectors(words[1]);
     if (all.size() < 2000) return fail("the vectors have fewer than 2000 lines");
     const int compared = compare(all);
-    return compared != 0 ? compared : restart(all) + idle() == 0 ? 0 : 1;
+    return compared != 0 ? compared : restart(all) + lost_displacement(all) + idle() == 0 ? 0 : 1;
   } catch (const std::exception& error) {
     return fail(error.what());
   }
