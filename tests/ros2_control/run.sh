@@ -6,7 +6,7 @@
 # 1. The core, which has no ROS in it, must have the service's bits. This needs a C and a C++ compiler.
 # 2. If CMake is on PATH: a build without a model, or with one that does not exist, must say what to do.
 # 3. If ros2_control is found (AMENT_PREFIX_PATH, as after `source /opt/ros/jazzy/setup.bash`): the package is built, and the plugin is
-#    loaded and run. Otherwise a line says that this part did not run.
+#    loaded and run, also in a controller manager. Otherwise a line says that this part did not run.
 set -euo pipefail
 shopt -s inherit_errexit
 
@@ -75,14 +75,22 @@ fi
 
 # Builds the package, and runs its tests with the installed plugin.
 test_plugin() {
-  local name=$1 options=$2
+  local name=$1 options=$2 test
   cmake -S "$package" -B "$work/$name-build" -DCMAKE_INSTALL_PREFIX="$work/$name-install" -DMR_DAMPER_MODEL=thesis/fuzzy-tanh/rp3-cs \
     -DMR_DAMPER_BINARY="$program" -DMR_DAMPER_EXPORT_OPTIONS="$options" >"$work/cmake.log" 2>&1 &&
-    cmake --build "$work/$name-build" --target install >>"$work/cmake.log" 2>&1 || fail "the package does not build: $(tail -n 40 "$work/cmake.log")"
+    cmake --build "$work/$name-build" --target install >>"$work/cmake.log" 2>&1 ||
+    fail "the package does not build: $(tail -n 40 "$work/cmake.log")"
   ! grep 'mr_damper_controller.*warning:' "$work/cmake.log" || fail "the compiler warns, see above"
   echo "plugin, $name:"
-  AMENT_PREFIX_PATH=$work/$name-install:$AMENT_PREFIX_PATH LD_LIBRARY_PATH=$work/$name-install/lib:${LD_LIBRARY_PATH:-} \
-    "$work/$name-build/plugin_test" "$work/$name-build/exported/vectors.csv" "$package/controllers.yaml" 2>"$work/plugin.log" || fail "$(cat "$work/plugin.log")"
+  for test in plugin manager; do
+    if [ ! -x "$work/$name-build/${test}_test" ]; then
+      echo "NOT RUN: ${test}_test; the controller manager is not installed"
+      continue
+    fi
+    AMENT_PREFIX_PATH=$work/$name-install:$AMENT_PREFIX_PATH LD_LIBRARY_PATH=$work/$name-install/lib:${LD_LIBRARY_PATH:-} \
+      "$work/$name-build/${test}_test" "$work/$name-build/exported/vectors.csv" "$package/controllers.yaml" 2>"$work/test.log" ||
+      fail "$(cat "$work/test.log")"
+  done
 }
 IFS=: read -ra prefixes <<<"${AMENT_PREFIX_PATH:-}"
 for prefix in "${prefixes[@]}"; do
