@@ -1,5 +1,9 @@
 //! `mr-damper identify`: identifies a model from recorded runs.
 
+mod report;
+
+pub use report::Report;
+
 use crate::commands::coefficients::fitted::{self, Draws};
 use crate::commands::coefficients::{self, Format};
 use crate::commands::conditioning::{ConditioningArgs, FilterArg, VelocityArg, velocity_text};
@@ -11,15 +15,13 @@ use crate::commands::run_args::RunArgs;
 use crate::settings::error::NodeError;
 use clap::builder::PossibleValuesParser;
 use mr_damper_base::provenance::{TOOL, date, expect};
-use mr_damper_base::shown;
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
-    CurrentFit, Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Structure, Variant,
-    Watch, identify, identify_inverse, score_inverse,
+    Form, Identified, Loss, ModelSpec, Options, Placement, Structure, Variant, Watch, identify,
+    identify_inverse, score_inverse,
 };
 use mr_damper_model::inverse::InverseKind;
-use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
 use mr_damper_model::pipeline::{Models, Pipeline, Settings};
@@ -28,7 +30,9 @@ use mr_damper_model::statistics::bootstrap::resampled_runs;
 use mr_damper_reports::Recording;
 use mr_damper_reports::identify::{self as page, IdentifyOutcome, SteppedRun};
 use mr_damper_runs::write_text;
-use serde::Serialize;
+use report::{
+    Estimate, InverseReport, Scores, VelocityReport, figures, headline, remarks, run_report, table,
+};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -114,85 +118,6 @@ pub struct Args {
 /// Names of all models that can be identified.
 fn names() -> Vec<&'static str> {
     Structure::all().into_iter().map(Structure::name).collect()
-}
-
-/// The figures of an identification, as they are written to JSON.
-#[derive(Debug, Serialize)]
-pub struct Report<'a> {
-    schema: &'static str,
-    model: &'a str,
-    form: &'static str,
-    parameters: usize,
-    restarts: u32,
-    seed: u64,
-    seconds: f64,
-    rank: Option<usize>,
-    velocity: String,
-    velocity_trials: Vec<VelocityReport>,
-    training: Scores,
-    validation: Option<Scores>,
-    /// The 90 % band of the estimates is calibrated on the held-out runs.
-    band_calibrated: bool,
-    runs: Vec<RunReport<'a>>,
-    active_bounds: Vec<String>,
-    warnings: &'a [String],
-    estimates: Vec<Estimate<'a>>,
-    restart_rsse_n: &'a [f64],
-    /// The inverse model; absent if none was asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    inverse: Option<&'a InverseReport>,
-}
-
-/// The identified inverse model and the errors of its current.
-#[derive(Debug, Serialize)]
-struct InverseReport {
-    kind: &'static str,
-    parameters: usize,
-    seconds: f64,
-    training: Option<CurrentFit>,
-    validation: Option<CurrentFit>,
-    warnings: Vec<String>,
-}
-
-/// A parameter and its standard error, which is `null` if the runs do not determine the parameter.
-#[derive(Debug, Serialize)]
-struct Estimate<'a> {
-    parameter: &'a str,
-    value: f64,
-    standard_error: Option<f64>,
-}
-
-impl<'a> Estimate<'a> {
-    fn of(parameter: &'a ParameterValue) -> Self {
-        Self {
-            parameter: &parameter.name,
-            value: parameter.value,
-            standard_error: Some(parameter.standard_error).filter(|error| error.is_finite()),
-        }
-    }
-}
-
-#[derive(Debug, Serialize)]
-struct VelocityReport {
-    velocity: String,
-    mean_esr: f64,
-}
-
-#[derive(Debug, Clone, Copy, Serialize)]
-struct Scores {
-    free_run: Option<Fit>,
-    one_step: Option<Fit>,
-    persistence: Option<Fit>,
-}
-
-#[derive(Debug, Serialize)]
-struct RunReport<'a> {
-    run: &'a str,
-    samples: u64,
-    rate_hz: f64,
-    force_offset_n: f64,
-    free_run: Option<Fit>,
-    one_step: Option<Fit>,
 }
 
 /// Identifies the model, scores it on the validation runs, and writes the results.
@@ -524,92 +449,6 @@ fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Op
     }
 }
 
-fn run_report(run: &mr_damper_model::identify::RunFit) -> RunReport<'_> {
-    RunReport {
-        run: &run.name,
-        samples: run.samples,
-        rate_hz: run.rate_hz,
-        force_offset_n: run.force_offset_n,
-        free_run: run.free_run,
-        one_step: run.one_step,
-    }
-}
-
-/// The figures of a report by name; missing figures are left out.
-fn figures(report: &Report<'_>) -> Vec<(String, Fit)> {
-    let mut figures = Vec::new();
-    let mut add = |name: &str, fit: Option<Fit>| figures.extend(fit.map(|fit| (name.to_owned(), fit)));
-    add("training, simulation (offsets out)", report.training.free_run);
-    add("training, one step ahead", report.training.one_step);
-    add("training, persistence", report.training.persistence);
-    if let Some(validation) = &report.validation {
-        add("validation, simulation", validation.free_run);
-        add("validation, one step ahead", validation.one_step);
-        add("validation, persistence", validation.persistence);
-    }
-    figures
-}
-
-/// Remarks on a fit, besides its figures.
-fn remarks(report: &Report<'_>) -> Vec<String> {
-    let rank = report.rank.filter(|rank| *rank < report.parameters);
-    let mut remarks: Vec<String> = rank
-        .map(|rank| {
-            let of = report.parameters;
-            format!(
-                "rank {rank} of {of}: the regressors are collinear, so the runs do not determine every coefficient"
-            )
-        })
-        .into_iter()
-        .collect();
-    remarks.extend(report.warnings.iter().cloned());
-    remarks.extend(report.inverse.into_iter().flat_map(inverse_remarks));
-    if report.band_calibrated {
-        remarks.push("the 90 % band of the estimates is calibrated on the held-out runs".to_owned());
-    }
-    let bounds = report.active_bounds.iter();
-    // The remark on the rank covers coefficients without a standard error.
-    let vague =
-        |e: &&Estimate<'_>| e.standard_error.map_or(rank.is_none(), |error| error > 0.5 * e.value.abs());
-    let vague: Vec<&str> = report.estimates.iter().filter(vague).map(|e| e.parameter).collect();
-    if !vague.is_empty() {
-        remarks.push(format!(
-            "poorly determined by these runs, with a standard error above half the value: {} (standard errors: --json)",
-            vague.join(", ")
-        ));
-    }
-    remarks.extend(bounds.map(|bound| format!("at its bound: {bound} (the runs do not determine it)")));
-    remarks
-}
-
-/// The errors of the inverse model, and its warnings.
-fn inverse_remarks(inverse: &InverseReport) -> Vec<String> {
-    let fits = [("training", inverse.training), ("validation", inverse.validation)];
-    let figure = |(what, fit): (&str, Option<CurrentFit>)| {
-        fit.map(|fit| format!("{what} RMSE {:.3} A, NMSE {:.3}", fit.rmse_a, fit.nmse))
-    };
-    let figures: Vec<String> = fits.into_iter().filter_map(figure).collect();
-    let InverseReport { kind, parameters, seconds, .. } = inverse;
-    let line = format!(
-        "inverse model {kind}, {parameters} parameters, {seconds:.1} s: current, {}",
-        figures.join("; ")
-    );
-    std::iter::once(line).chain(inverse.warnings.iter().cloned()).collect()
-}
-
-/// One line on the model and its identification.
-fn headline(report: &Report<'_>) -> String {
-    format!(
-        "{} ({}), {}, {}, velocity by {}, {:.1} s",
-        report.model,
-        report.form,
-        shown::count(report.parameters, "parameter"),
-        shown::count(report.runs.len(), "run"),
-        report.velocity,
-        report.seconds
-    )
-}
-
 /// Steps every run through the pipeline with the identified model, for the plots of the report.
 fn pictured(
     model: &Model,
@@ -640,15 +479,4 @@ fn pictured(
             row("restarts", report.restarts.to_string()),
         ],
     })
-}
-
-fn table(report: &Report<'_>, out: &Path) -> String {
-    let mut text = headline(report) + "\n";
-    for (name, fit) in figures(report) {
-        text += &format!("  {name:<34} RMSE {:8.2} N   NMSE {:.5}\n", fit.rsse_n, fit.esr);
-    }
-    for remark in remarks(report) {
-        text += &format!("  {remark}\n");
-    }
-    text + &format!("model file: {}\n", out.display())
 }
