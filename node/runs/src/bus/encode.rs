@@ -83,25 +83,12 @@ impl Signal {
 
 #[cfg(test)]
 mod tests {
-    use super::super::signal::{Decoded, Kind, Signal};
-    use super::super::signal::{Number, Presence, decode};
+    use super::super::signal::tests as signals;
+    use super::super::signal::{Decoded, Kind, Signal, decode};
     use proptest::prelude::*;
 
     fn signal(start: u32, length: u32, big_endian: bool, kind: Kind, factor: &str, offset: &str) -> Signal {
-        let number = |text| Number::parse(text).expect("a number");
-        Signal {
-            name: "x".into(),
-            line: 1,
-            start,
-            length,
-            big_endian,
-            kind,
-            factor: number(factor),
-            offset: number(offset),
-            range: None,
-            unit: String::new(),
-            presence: Presence::Always,
-        }
+        signals::scaled(signals::signal(start, length, big_endian, kind), factor, offset)
     }
 
     #[test]

@@ -200,11 +200,12 @@ pub(super) fn of_half(bits: u16) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn signal(start: u32, length: u32, big_endian: bool, kind: Kind) -> Signal {
+    /// A signal whose value is the number in its bits.
+    pub(in crate::bus) fn signal(start: u32, length: u32, big_endian: bool, kind: Kind) -> Signal {
         let number = |text| Number::parse(text).expect("a number");
         Signal {
             name: "x".into(),
@@ -221,7 +222,7 @@ mod tests {
         }
     }
 
-    fn scaled(signal: Signal, factor: &str, offset: &str) -> Signal {
+    pub(in crate::bus) fn scaled(signal: Signal, factor: &str, offset: &str) -> Signal {
         let number = |text| Number::parse(text).expect("a number");
         Signal { factor: number(factor), offset: number(offset), ..signal }
     }
