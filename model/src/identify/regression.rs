@@ -146,24 +146,21 @@ impl Regression {
             rounding += means.mean.rows(0, n).map(|m| ROUNDING * m.abs() * root);
         }
         let Solution { coefficients, rank, inverse, determined } = triangle.solve(&rounding)?;
-        let runs = || datasets.iter().zip(&means);
-        let of_runs: Vec<(DVector<f64>, u32)> = datasets
-            .par_iter()
-            .zip(&means)
-            .map(|(dataset, means)| self.variances(&coefficients, &inverse, dataset, means))
-            .collect();
+        let of_run = |(dataset, means)| self.variances(&coefficients, &inverse, dataset, means);
+        let of_runs: Vec<(DVector<f64>, u32)> = datasets.par_iter().zip(&means).map(of_run).collect();
         let variances = of_runs.iter().fold(DVector::zeros(n), |sum, (run, _)| sum + run);
         let blocks = of_runs.iter().map(|(_, blocks)| f64::from(*blocks)).sum::<f64>();
         // A block takes part in the fit that its errors belong to.
         let unbiased = if blocks > 1.0 { blocks / (blocks - 1.0) } else { f64::NAN };
         let error = |j: usize| if determined[j] { (unbiased * variances[j]).sqrt() } else { f64::NAN };
         let standard_errors = (0..n).map(error).collect();
-        let offsets_n = runs().map(|(dataset, means)| self.offset_n(&coefficients, dataset, means)).collect();
+        let runs = datasets.iter().zip(&means);
+        let offsets_n = runs.map(|(dataset, means)| self.offset_n(&coefficients, dataset, means)).collect();
         Ok(Regressed { coefficients, offsets_n, rank: Some(rank), standard_errors })
     }
 
-    /// The diagonal of H^+ B H^+ for one run, and the number of its blocks. H^+ meets the gradient of each block before it is squared: regressors that are nearly collinear
-    /// would leave nothing of B but rounding errors.
+    /// The diagonal of H^+ B H^+ for one run, and the number of its blocks. H^+ meets the gradient of each block before the square: of
+    /// regressors that are nearly collinear, B itself would hold nothing but rounding errors.
     fn variances(
         &self,
         coefficients: &DVector<f64>,
@@ -499,7 +496,6 @@ impl Solution {
             .ok()
             .filter(|s| rank > 0 && s.iter().all(|v| v.is_finite()))
             .ok_or(constant)?;
-        let per = |scale: f64| if scale > 0.0 { 1.0 / scale } else { 0.0 };
         let unscaled = |(value, scale): (&f64, &f64)| if *scale > 0.0 { value / scale } else { 0.0 };
         let mut inverse = DMatrix::zeros(n, n);
         let mut within = vec![0.0; n];
@@ -507,8 +503,8 @@ impl Solution {
             if *value > tolerance {
                 let direction = direction.transpose();
                 within.iter_mut().zip(&direction).for_each(|(sum, part)| *sum += part * part);
-                let unscaled = DVector::from_fn(n, |j, _| direction[j] * per(scales[j]) / value);
-                inverse.ger(1.0, &unscaled, &unscaled, 1.0);
+                let root = DVector::from_fn(n, |j, _| unscaled((&direction[j], &scales[j])) / value);
+                inverse.ger(1.0, &root, &root, 1.0);
             }
         }
         Ok(Self {
