@@ -44,7 +44,7 @@ pub(super) fn fit(
     let (offset_n, period) = (super::mean_offset(datasets, &found.offsets_n), Second(period_s));
     let model = shape.model([of(0), of(1), of(2)], drive.map(|kind| (kind, of(3))), period, offset_n)?;
     let name = |j: usize| format!("{}[{}]", lag_lists(drive)[j / lags], j % lags);
-    let parameters = found.parameters(&name);
+    let parameters = ParameterValue::all(found.coefficients.as_slice(), &found.standard_errors, name);
     Ok(Fitted { model, offsets_n: found.offsets_n, rank: found.rank, parameters })
 }
 

@@ -39,7 +39,10 @@ pub(super) fn fit(datasets: &[Dataset], dependence: Dependence, watch: &Watch) -
         let (copy, regressor) = (j / LPV_REGRESSORS, j % LPV_REGRESSORS);
         format!("{}[{}][{copy}]", LAG_LISTS[regressor / LAGS], regressor % LAGS)
     };
-    let (warnings, parameters) = (unstable(&model, datasets)?, found.parameters(&name));
+    let (warnings, parameters) = (
+        unstable(&model, datasets)?,
+        ParameterValue::all(found.coefficients.as_slice(), &found.standard_errors, name),
+    );
     Ok(Fitted { warnings, model, offsets_n: found.offsets_n, rank: found.rank, parameters })
 }
 

@@ -26,7 +26,7 @@
 use super::Watch;
 use super::dataset::Dataset;
 use super::recursive::{FORGETTING, INITIAL_VARIANCE, Recursion};
-use super::report::ParameterValue;
+use super::report::BLOCK_S;
 use crate::condition::{ApplyTo, VelocitySource};
 use crate::error::{Error, IdentifyError};
 use crate::force::Dependence;
@@ -50,8 +50,6 @@ const RATE_TOLERANCE: f64 = 0.01;
 const STEP_TOLERANCE: f64 = 0.25;
 /// Largest share of steps beyond [`STEP_TOLERANCE`]; they are left out. With more of them, hardly any step follows enough others.
 const MOST_UNEVEN: f64 = 0.2;
-/// Length of the blocks in which errors may be correlated, s.
-const BLOCK_S: f64 = 1.0;
 /// Largest share of a coefficient's direction outside the rows for a coefficient that they determine.
 const UNDETERMINED: f64 = 1e-8;
 /// Smallest number of rows per coefficient.
@@ -87,19 +85,6 @@ pub(super) struct Regressed {
     pub(super) rank: Option<usize>,
     /// Standard error of each coefficient, NaN if the rows do not determine it; empty after a recursive fit.
     pub(super) standard_errors: Vec<f64>,
-}
-
-impl Regressed {
-    /// The coefficients with their standard errors; `name` gives the name of each in a model file. Empty after a recursive fit.
-    pub(super) fn parameters(&self, name: &dyn Fn(usize) -> String) -> Vec<ParameterValue> {
-        let both = self.coefficients.iter().zip(&self.standard_errors).enumerate();
-        let one = |(j, (value, error)): (usize, (&f64, &f64))| ParameterValue {
-            name: name(j),
-            value: *value,
-            standard_error: *error,
-        };
-        both.map(one).collect()
-    }
 }
 
 /// Summary of the rows of one run.

@@ -87,6 +87,21 @@ pub struct ParameterValue {
     pub standard_error: f64,
 }
 
+/// Length of the blocks whose scatter gives standard errors, s: longer than the correlation time of residuals.
+pub(super) const BLOCK_S: f64 = 1.0;
+
+impl ParameterValue {
+    /// The parameters with `values` and standard `errors`; `name` gives the name of each.
+    pub(super) fn all(values: &[f64], errors: &[f64], name: impl Fn(usize) -> String) -> Vec<Self> {
+        let one = |(j, (value, error)): (usize, (&f64, &f64))| Self {
+            name: name(j),
+            value: *value,
+            standard_error: *error,
+        };
+        values.iter().zip(errors).enumerate().map(one).collect()
+    }
+}
+
 /// Details that depend on the kind of model.
 #[derive(Debug, Default)]
 pub(super) struct Details {
@@ -103,15 +118,9 @@ impl Details {
     /// Details of a search over parameters with the given `names`.
     pub(super) fn of(found: &Found, names: &[String]) -> Self {
         let name = |j: usize| names[j].clone();
-        let parameter = |(j, (value, error)): (usize, (&f64, &f64))| ParameterValue {
-            name: name(j),
-            value: *value,
-            standard_error: *error,
-        };
-        let values = found.natural.iter().zip(&found.standard_errors).enumerate();
         let bound = |&j: &usize| ActiveBound { parameter: name(j), value: found.natural[j] };
         Self {
-            parameters: values.map(parameter).collect(),
+            parameters: ParameterValue::all(&found.natural, &found.standard_errors, name),
             restart_rsse_n: found.restart_rsse_n.clone(),
             active_bounds: found.on_bound.iter().map(bound).collect(),
             converged: found.converged,

@@ -9,6 +9,7 @@
 use super::dataset::Dataset;
 use super::least_squares::{Minimum, Problem, Stop, minimise};
 use super::options::REWEIGHTINGS;
+use super::report::BLOCK_S;
 use super::row_problem::{Columns, RowProblem};
 use super::{Loss, Options, Progress, Watch};
 use crate::error::{Error, IdentifyError};
@@ -32,9 +33,6 @@ const PROMISING: usize = 4;
 const EVALUATED: usize = 6;
 /// Costs with a smaller relative difference are taken as the same minimum.
 const SAME: f64 = 1e-4;
-/// Length of the blocks whose scatter gives standard errors, s: longer than the correlation time of
-/// residuals.
-const BLOCK_S: f64 = 1.0;
 
 /// A model whose parameters are searched.
 pub(super) trait SearchedModel: Columns + Clone {
