@@ -1,12 +1,17 @@
 //! Endpoints of the tests, and Zenoh sessions at them.
 
+use crate::wait::wait_until;
+use std::net::{TcpListener, TcpStream};
 use zenoh::{Session, Wait};
 
 /// An endpoint whose port was free a moment ago.
 pub(crate) fn endpoint() -> String {
-    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
-    let port = listener.local_addr().expect("a bound socket has an address").port();
-    format!("tcp/127.0.0.1:{port}")
+    let listener = TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
+    let address = listener.local_addr().expect("a bound socket has an address");
+    drop(listener);
+    // A process that another test starts holds this socket, too, until its program runs.
+    wait_until("nobody listens at the port", || TcpStream::connect(address).is_err());
+    format!("tcp/{address}")
 }
 
 /// A session that connects only to `endpoint`.
