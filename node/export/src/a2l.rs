@@ -1,6 +1,7 @@
 //! The calibration file of an export (ASAM MCD-2 MC, version 1.6): a characteristic for each parameter, a measurement for each output.
 
 use crate::parameter::{CParameter, Shape};
+use crate::precision::Precision;
 use crate::source::CSource;
 use std::fmt::Write as _;
 
@@ -30,31 +31,43 @@ pub struct Addresses {
 pub fn file(source: &CSource, symbols: [&str; 2], addresses: Addresses) -> String {
     let [parameters_symbol, output_symbol] = symbols;
     let name = &source.name;
+    let (c_type, size) = (source.precision.c_type(), source.precision.size());
+    let (real, most) = match source.precision {
+        Precision::Double => ("FLOAT64_IEEE", 1e300),
+        Precision::Single => ("FLOAT32_IEEE", 3e38),
+    };
     let mut text = format!(
         "ASAP2_VERSION 1 60
 /begin PROJECT {name} \"Force of a magneto-rheological damper\"
   /begin MODULE {name} \"\"
     /begin MOD_COMMON \"\"
       BYTE_ORDER MSB_LAST
-      ALIGNMENT_FLOAT64_IEEE 8
+      ALIGNMENT_{real} {size}
     /end MOD_COMMON
-    /begin RECORD_LAYOUT {name}_double
-      FNC_VALUES 1 FLOAT64_IEEE COLUMN_DIR DIRECT
+    /begin RECORD_LAYOUT {name}_{c_type}
+      FNC_VALUES 1 {real} COLUMN_DIR DIRECT
     /end RECORD_LAYOUT
 "
     );
-    // Every field is a double, so fields follow each other without padding.
+    // Every field is a number of one type, so fields follow each other without padding.
     let mut offset = 0;
     for parameter in &source.parameters {
-        characteristic(&mut text, name, parameter, parameters_symbol, addresses.parameters, offset);
-        offset += 8 * parameter.shape.len() as u64;
+        let field = Field {
+            layout: &format!("{name}_{c_type}"),
+            most,
+            symbol: parameters_symbol,
+            base: addresses.parameters,
+            offset,
+        };
+        characteristic(&mut text, name, parameter, &field);
+        offset += size * parameter.shape.len() as u64;
     }
     let mut at = 0;
     for Output { field, kind, count, unit, about, .. } in outputs(source) {
         let (kind, range, size) = match kind {
-            Kind::Double => ("FLOAT64_IEEE", "-1.0E+300 1.0E+300", 8),
-            Kind::Word => ("ULONG", "0 4294967295", 4),
-            Kind::Truth => ("UBYTE", "0 1", 1),
+            Kind::Number => (real, format!("{:E} {most:E}", -most), size),
+            Kind::Word => ("ULONG", "0 4294967295".to_owned(), 4),
+            Kind::Truth => ("UBYTE", "0 1".to_owned(), 1),
         };
         let array = if count == 1 { String::new() } else { format!("\n      MATRIX_DIM {count} 1 1") };
         let _ = write!(
@@ -77,7 +90,7 @@ pub fn file(source: &CSource, symbols: [&str; 2], addresses: Addresses) -> Strin
 /// Type of a field of the output structure.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
-    Double,
+    Number,
     Word,
     Truth,
 }
@@ -99,14 +112,14 @@ fn outputs(source: &CSource) -> impl Iterator<Item = Output> {
     let inverse =
         |field, kind, count, unit, about| Output { field, kind, count, unit, about, of_inverse: true };
     let all = [
-        plain("force_n", Kind::Double, "N", "force of the damper, positive in extension"),
-        plain("reading_n", Kind::Double, "N", "expected reading of the load cell"),
-        plain("displacement_m", Kind::Double, "m", "displacement that the model was given"),
-        plain("velocity_m_s", Kind::Double, "m/s", "velocity that the model was given"),
-        inverse("current_a", Kind::Double, 1, "A", "commanded current"),
-        inverse("requested_n", Kind::Double, 1, "N", "demanded force"),
-        inverse("expected_n", Kind::Double, 1, "N", "force that the model expects at the commanded current"),
-        inverse("achievable_n", Kind::Double, 2, "N", "least and largest force of the damper at this motion"),
+        plain("force_n", Kind::Number, "N", "force of the damper, positive in extension"),
+        plain("reading_n", Kind::Number, "N", "expected reading of the load cell"),
+        plain("displacement_m", Kind::Number, "m", "displacement that the model was given"),
+        plain("velocity_m_s", Kind::Number, "m/s", "velocity that the model was given"),
+        inverse("current_a", Kind::Number, 1, "A", "commanded current"),
+        inverse("requested_n", Kind::Number, 1, "N", "demanded force"),
+        inverse("expected_n", Kind::Number, 1, "N", "force that the model expects at the commanded current"),
+        inverse("achievable_n", Kind::Number, 2, "N", "least and largest force of the damper at this motion"),
         plain(
             "flags",
             Kind::Word,
@@ -140,25 +153,31 @@ fn outputs(source: &CSource) -> impl Iterator<Item = Output> {
     all.into_iter().filter(move |own| has_inverse || !own.of_inverse)
 }
 
-fn characteristic(
-    text: &mut String,
-    name: &str,
-    parameter: &CParameter,
-    symbol: &str,
+/// A field of the parameters' structure in memory.
+struct Field<'a> {
+    /// Its record layout.
+    layout: &'a str,
+    /// Largest number of its type.
+    most: f64,
+    /// The structure's symbol and address, and the field's offset in it.
+    symbol: &'a str,
     base: u64,
     offset: u64,
-) {
+}
+
+fn characteristic(text: &mut String, name: &str, parameter: &CParameter, at: &Field<'_>) {
+    let Field { layout, most, symbol, base, offset } = *at;
     let (kind, size) = match parameter.shape {
         Shape::Scalar => ("VALUE", String::new()),
         Shape::Array(n) => ("VAL_BLK", format!("\n      MATRIX_DIM {n} 1 1")),
         // The first dimension is that within a row.
         Shape::Rows(rows, n) => ("VAL_BLK", format!("\n      MATRIX_DIM {n} {rows} 1")),
     };
-    let [low, high] = parameter.range.unwrap_or([-1e300, 1e300]);
+    let [low, high] = parameter.range.unwrap_or([-most, most]);
     let _ = write!(
         text,
         "    /begin CHARACTERISTIC {name}_{field} \"{about}\"
-      {kind} 0x{address:X} {name}_double 0 NO_COMPU_METHOD {low:E} {high:E}{size}
+      {kind} 0x{address:X} {layout} 0 NO_COMPU_METHOD {low:E} {high:E}{size}
       PHYS_UNIT \"{unit}\"
       SYMBOL_LINK \"{symbol}\" {offset}
     /end CHARACTERISTIC

@@ -2,16 +2,23 @@
 
 use crate::error::ExportError;
 use crate::features::Features;
+use crate::precision::Precision;
 
-/// The fragments, by name.
+/// Fragments of a folder, by name.
 macro_rules! fragments {
-    ($($name:literal)+) => {
-        const ALL: &[(&str, &str)] = &[$(($name, include_str!(concat!("c/", $name, ".c"))),)+];
+    ($list:ident in $folder:literal: $($name:literal)+) => {
+        const $list: &[(&str, &str)] = &[$(($name, include_str!(concat!($folder, $name, ".c"))),)+];
     };
 }
 
-fragments! {
-    "bits" "sign" "max" "min" "clamp" "exp" "exp_m1" "tanh" "tanh_in_lanes" "ln" "ln_1p" "atan" "sin"
+// Those of single precision that know how a number is stored, or how large its rounding error is. They stand in for those of the same
+// name.
+fragments! { SINGLE in "c/single/":
+    "bits" "infinity" "has_minus" "exp" "exp_m1" "tanh" "tanh_in_lanes" "ln" "atan" "sin" "floor" "running_sum" "derivative_slope"
+}
+
+fragments! { ALL in "c/":
+    "bits" "infinity" "has_minus" "sign" "max" "min" "clamp" "exp" "exp_m1" "tanh" "tanh_in_lanes" "ln" "ln_1p" "atan" "sin"
     "inputs" "gate" "low_pass" "derivative_backward" "derivative_three_point" "derivative_slope" "step"
     "sets" "weights_polynomial" "weights_fuzzy"
     "force_fuzzy_tanh" "force_slope"
@@ -20,7 +27,7 @@ fragments! {
     "history" "regress" "force_arx" "force_lpv" "force_network"
     "slip" "force_slip" "force_slip_fuzzy" "force_lazy"
     "tsk_gaussian" "tsk_two_sided" "tsk_bell" "tsk_nearest" "tsk_trapezoid" "tsk_triangle" "tsk_share" "force_tsk"
-    "finite" "elapsed" "elapsed_miss" "elapsed_by" "lag" "smooth_sign" "scaled" "play" "ring"
+    "finite" "running_sum" "elapsed" "elapsed_miss" "elapsed_by" "lag" "smooth_sign" "scaled" "play" "ring"
     "floor" "term_step" "term_bump" "resonator_state" "resonator" "terms"
     "effect_coil_lag" "effect_coil_lag_rise_fall" "effect_remanence" "effect_thermal_fade" "effect_gas_spring" "effect_inertia"
     "effect_friction" "effect_friction_own_scale" "effect_asymmetry" "effect_force_lag" "effect_series_spring"
@@ -45,10 +52,12 @@ pub(crate) struct Fragment {
 
 impl Fragment {
     /// The fragment called `name`.
-    pub(crate) fn named(name: &str) -> Result<Self, ExportError> {
+    pub(crate) fn named(name: &str, precision: Precision) -> Result<Self, ExportError> {
         let fault = |what: &str| ExportError::Fragment { fragment: name.to_owned(), what: what.to_owned() };
-        let (name, text) = ALL
+        let own = if precision == Precision::Single { SINGLE } else { &[] };
+        let (name, text) = own
             .iter()
+            .chain(ALL)
             .find(|(known, _)| *known == name)
             .ok_or_else(|| fault("there is none of this name"))?;
         let mut own = Self {
@@ -94,12 +103,17 @@ impl Fragment {
 }
 
 /// The fragments that `names` need, and themselves, each once and after all that it needs.
-pub(crate) fn link(names: &[&str]) -> Result<Vec<Fragment>, ExportError> {
-    fn add(name: &str, depth: usize, linked: &mut Vec<Fragment>) -> Result<(), ExportError> {
+pub(crate) fn link(names: &[&str], precision: Precision) -> Result<Vec<Fragment>, ExportError> {
+    fn add(
+        name: &str,
+        precision: Precision,
+        depth: usize,
+        linked: &mut Vec<Fragment>,
+    ) -> Result<(), ExportError> {
         if linked.iter().any(|fragment| fragment.name == name) {
             return Ok(());
         }
-        let fragment = Fragment::named(name)?;
+        let fragment = Fragment::named(name, precision)?;
         if depth > ALL.len() {
             return Err(ExportError::Fragment {
                 fragment: name.to_owned(),
@@ -107,13 +121,13 @@ pub(crate) fn link(names: &[&str]) -> Result<Vec<Fragment>, ExportError> {
             });
         }
         for needed in &fragment.needs {
-            add(needed, depth + 1, linked)?;
+            add(needed, precision, depth + 1, linked)?;
         }
         linked.push(fragment);
         Ok(())
     }
     let mut linked = Vec::new();
-    names.iter().try_for_each(|name| add(name, 0, &mut linked))?;
+    names.iter().try_for_each(|name| add(name, precision, 0, &mut linked))?;
     Ok(linked)
 }
 
@@ -161,11 +175,19 @@ pub(crate) fn resolve(text: &str, features: &Features) -> Result<String, ExportE
 mod tests {
     use super::*;
 
+    /// All fragments with their precision.
+    fn both() -> impl Iterator<Item = (&'static str, &'static str, Precision)> {
+        let of = |list: &'static [(&str, &str)], precision| {
+            list.iter().map(move |(name, text)| (*name, *text, precision))
+        };
+        of(ALL, Precision::Double).chain(of(SINGLE, Precision::Single))
+    }
+
     #[test]
     fn each_fragment_is_well_formed_and_can_be_linked() {
-        for (name, text) in ALL {
-            let linked = link(&[name]).unwrap_or_else(|error| panic!("{error}"));
-            assert_eq!(linked.last().map(|fragment| fragment.name), Some(*name));
+        for (name, text, precision) in both() {
+            let linked = link(&[name], precision).unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(linked.last().map(|fragment| fragment.name), Some(name));
             let own = linked.last().expect("itself");
             assert!(own.about.starts_with("/* ") && own.about.ends_with("*/\n"), "{name}: {}", own.about);
             assert!(text.ends_with('\n'), "{name}");
@@ -204,8 +226,8 @@ mod tests {
             "approach",
             "coil_tau_s",
         ];
-        for (name, text) in ALL {
-            let linked = link(&[name]).expect("linked");
+        for (name, text, precision) in both() {
+            let linked = link(&[name], precision).expect("linked");
             let known: Vec<&str> =
                 linked.iter().flat_map(|f| defined(&f.source)).chain(defined(text)).collect();
             let calls = text.split("mrd_").skip(1).filter_map(|rest| {

@@ -26,22 +26,32 @@
 //! code. `mrd_` and `MRD_` become the name of the export, so that several models fit into one program; `@WORD@` becomes what the export
 //! puts there: the number of an effect (`@K@`), of the one inside (`@J@`), the field of a parameter.
 //!
+//! # Single precision
+//! Fragments are in double precision. For [`Precision::Single`] the finished text is changed token by token, and `c/single/` has those
+//! fragments that know how a number is stored, or how large its rounding error is.
+//!
 //! Not exported: modes and bumpless transfer between them, measured force and one-step prediction, plausibility checks over
 //! several channels, the correction of stamps that jitter, and bands. The inverse controller follows requested forces; its learned inverses,
 //! its other control laws and its feedback of measured force are not exported.
 
 pub mod a2l;
+mod difference;
+pub mod driver;
 mod error;
 mod features;
 pub mod fmu;
+pub mod footprint;
 mod forces;
 mod fragment;
 mod inverse;
 mod parameter;
+mod precision;
 mod source;
 mod terms;
 pub mod vectors;
 
+pub use difference::Difference;
 pub use error::ExportError;
 pub use parameter::{CParameter, Shape};
+pub use precision::Precision;
 pub use source::{CExport, CSource};

@@ -6,9 +6,11 @@ use crate::forces::Force;
 use crate::fragment::{Fragment, link, resolve};
 use crate::inverse::Inverse;
 use crate::parameter::CParameter;
+use crate::precision::{Precision, single};
 use crate::terms::TermCode;
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Effect, EffectModel, Need};
+use mr_damper_model::force::ForceModel;
 use mr_damper_model::inverse::InverseParts;
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::Settings;
@@ -36,6 +38,7 @@ pub struct CExport<'a> {
     model: &'a Model,
     settings: Settings,
     inverse: Option<InverseParts>,
+    precision: Precision,
     provenance: Vec<String>,
 }
 
@@ -48,6 +51,8 @@ pub struct CSource {
     pub header: String,
     /// `NAME.c`.
     pub source: String,
+    /// Type of its numbers.
+    pub precision: Precision,
     /// The model with its effects, in one line.
     pub title: String,
     /// Where the model comes from, line by line.
@@ -94,6 +99,7 @@ impl<'a> CExport<'a> {
             model,
             settings: Settings::default(),
             inverse: None,
+            precision: Precision::default(),
             provenance: Vec::new(),
         }
     }
@@ -110,6 +116,12 @@ impl<'a> CExport<'a> {
         Self { inverse: Some(*parts), ..self }
     }
 
+    /// With numbers of this type.
+    #[must_use]
+    pub fn precision(self, precision: Precision) -> Self {
+        Self { precision, ..self }
+    }
+
     /// With a line that says where the model comes from.
     #[must_use]
     pub fn provenance(mut self, line: impl Into<String>) -> Self {
@@ -121,11 +133,15 @@ impl<'a> CExport<'a> {
     /// The files.
     ///
     /// # Errors
-    /// [`ExportError::Name`].
+    /// [`ExportError::Name`], and [`ExportError::Precision`] for lazy learning in single precision.
     pub fn source(&self) -> Result<CSource, ExportError> {
         self.check_name()?;
         let model = self.model;
+        if self.precision == Precision::Single && matches!(model.force, ForceModel::Lazy(_)) {
+            return Err(ExportError::Precision { model: model.force.name() });
+        }
         let mut features = Features::of(model);
+        features.set("SINGLE", self.precision == Precision::Single);
         let force = Force::of(&model.force);
         if let Some((name, value)) = force.feature {
             features.set(name, value);
@@ -145,7 +161,7 @@ impl<'a> CExport<'a> {
         let mut names: Vec<&str> = vec!["bits"];
         names.extend(self.conditioning_fragments());
         names.extend(force.fragments.iter().map(String::as_str));
-        let of_force = link(&names)?;
+        let of_force = link(&names, self.precision)?;
         names.extend(levels.iter().map(|level| level.fragment.as_str()));
         if levels.iter().chain(&inverse_levels).any(|level| level.takes_newton) {
             names.push("spring_newton");
@@ -153,7 +169,7 @@ impl<'a> CExport<'a> {
         names.extend(terms.iter().flat_map(|terms| &terms.fragments));
         names.extend(inverse.iter().flat_map(|inverse| &inverse.fragments));
         names.push("step");
-        let fragments = link(&names)?;
+        let fragments = link(&names, self.precision)?;
 
         let mut parameters = self.parameters(&force, &levels, terms.as_ref());
         parameters.extend(inverse.iter().flat_map(|inverse| inverse.parameters(&self.settings)));
@@ -173,6 +189,7 @@ impl<'a> CExport<'a> {
         let source = text.finish(&self.body(&parts)?)?;
         Ok(CSource {
             name: self.name.clone(),
+            precision: self.precision,
             header,
             source,
             title: self.title(),
@@ -386,7 +403,13 @@ impl<'a> CExport<'a> {
             format!("{}.", self.title()),
         ];
         lines.extend(self.provenance.iter().cloned());
-        lines.push("Written by `mr-damper export`. C99; needs no C library, no heap and no globals. double throughout.".to_owned());
+        lines.push(
+            "Written by `mr-damper export`. C99; needs no C library, no heap and no globals.".to_owned(),
+        );
+        lines.push(match self.precision {
+            Precision::Double => "double throughout: the bits of the service.".to_owned(),
+            Precision::Single => "float throughout: the service computes in double.".to_owned(),
+        });
         format!("/* {} */\n", lines.join("\n   "))
     }
 
@@ -590,6 +613,10 @@ impl Text<'_> {
                 what: "it is not filled in".to_owned(),
             });
         }
+        let text = match self.export.precision {
+            Precision::Double => text,
+            Precision::Single => single(&text),
+        };
         Ok(named(&self.export.name, &text))
     }
 }

@@ -1,11 +1,20 @@
 /* A spring in series with the damper: w = x - c (F - F0), F = f(w, w'), solved for F at each sample.
-   @needs finite elapsed_miss
+   @needs finite elapsed_miss infinity
    @header */
 typedef struct {
     mrd_elapsed elapsed;
     double force_n, force_rate_n_s, slope; /* of the last sample */
 } mrd_series_spring_state;
 /* @source */
+/* Differences from the solution, as shares of its size: one that is exact, and one from which a secant is exact. */
+#if MRD_SINGLE
+#define MRD_SPRING_EXACT 1e-6
+#define MRD_SPRING_NEAR 1e-4
+#else
+#define MRD_SPRING_EXACT 1e-10
+#define MRD_SPRING_NEAR 1e-7
+#endif
+
 /* The spring at one sample. */
 typedef struct {
     double compliance_m_n, offset_n;
@@ -41,7 +50,7 @@ typedef struct {
 /* Solves model(F) = F by secants within bounds; false if there is no such force. Trials start from the state before the sample. */
 static bool mrd_solve_@K@(const mrd_parameters *p, mrd_chain *c, const mrd_model_inputs *in, const mrd_spring *a,
                           double guess_n, double *slope, double *found_n) {
-    const double infinity = mrd_from_bits(UINT64_C(0x7ff0000000000000));
+    const double infinity = mrd_infinity();
     const mrd_chain kept = *c;
     double force_n = guess_n, low_n = -infinity, high_n = infinity, reach = 1.0, before_n = 0.0, excess_before_n = 0.0;
     int trial;
@@ -60,7 +69,7 @@ static bool mrd_solve_@K@(const mrd_parameters *p, mrd_chain *c, const mrd_model
         }
         excess_n = force_n - model_n;
         size_n = mrd_abs(at_n - a->offset_n) + 1.0;
-        if (mrd_abs(excess_n) <= 1e-10 * size_n || high_n - low_n <= 1e-10 * size_n) {
+        if (mrd_abs(excess_n) <= MRD_SPRING_EXACT * size_n || high_n - low_n <= MRD_SPRING_EXACT * size_n) {
             *found_n = force_n;
             return true;
         }
@@ -72,7 +81,7 @@ static bool mrd_solve_@K@(const mrd_parameters *p, mrd_chain *c, const mrd_model
         if (trial > 0) {
             const double secant = (excess_n - excess_before_n) / (at_n - before_n);
             *slope = secant > 0.0 ? secant : 1.0;
-            if (secant > 0.0 && mrd_abs(excess_n) <= 1e-7 * size_n) {
+            if (secant > 0.0 && mrd_abs(excess_n) <= MRD_SPRING_NEAR * size_n) {
                 *found_n = force_n - excess_n / *slope;
                 return true;
             }

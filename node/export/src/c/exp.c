@@ -1,6 +1,6 @@
 /* e^x = 2^e T_j e^r,   x = (16 e + j) ln 2 / 16 + r,   |r| <= ln 2 / 32,   T_j = 2^(j/16): Taylor to r^7. Error 0.6 ulp.
    After P. T. P. Tang, ACM Trans. Math. Softw. 15 (1989) 144.
-   @needs bits
+   @needs bits infinity
    @source */
 /* 2^(j/16): a number, and its rounding error. */
 static const double mrd_powers[16][2] = {
@@ -63,7 +63,7 @@ static double mrd_exp(double x) {
         return x;
     }
     if (x > 710.0) {
-        return mrd_from_bits(UINT64_C(0x7ff0000000000000));
+        return mrd_infinity();
     }
     if (x < -746.0) {
         return 0.0;

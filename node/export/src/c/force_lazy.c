@@ -1,6 +1,6 @@
 /* Recursive lazy learning: a local regression on the nearest points of the memory, with the number of points that has the least
    leave-one-out error.
-   @needs inputs
+   @needs inputs infinity
    @header */
 typedef struct {
     char unused; /* the model has no memory from sample to sample */
@@ -14,7 +14,7 @@ static double mrd_dot(const double *a, const double *b) {
 static double mrd_regression(const double rows[MRD_MOST_NEIGHBOURS][4], const double *forces) {
     double v[4][4], b[4] = { 0.0, 0.0, 0.0, 0.0 }, residuals[MRD_MOST_NEIGHBOURS], left_out[MRD_MOST_NEIGHBOURS];
     const double base = forces[0];
-    double best = mrd_from_bits(UINT64_C(0x7ff0000000000000)), found = 0.0;
+    double best = mrd_infinity(), found = 0.0;
     int i, j, k;
     for (i = 0; i < 4; i++) {
         for (j = 0; j < 4; j++) {
@@ -77,7 +77,7 @@ static double mrd_force(const mrd_parameters *p, mrd_force_state *s, const mrd_m
         return mrd_nan();
     }
     for (k = 0; k < MRD_MOST_NEIGHBOURS; k++) {
-        squares[k] = mrd_from_bits(UINT64_C(0x7ff0000000000000));
+        squares[k] = mrd_infinity();
         nearest[k] = 0;
     }
     for (j = 0; j < MRD_POINTS; j++) {

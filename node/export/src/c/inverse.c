@@ -1,6 +1,6 @@
 /* The inverse controller: from a demanded force to a current, sample by sample.
    P = F0 + k x;   Fd (v) is dissipative if (Fd - P) v >= 0;   F(i*) = Fd within 0 and i_max;   lead for the coil's lag;   rate;   range
-   @needs clamp min max finite inputs inverse_request
+   @needs clamp min max finite inputs inverse_request infinity
    @header */
 typedef struct {
     mrd_request request;
@@ -43,7 +43,7 @@ static double mrd_most_change_a(double rate_a_s, double dt_s) {
 }
 
 static double mrd_rate_max_a_s(const mrd_parameters *p) {
-    return p->inverse_rate_max_a_s > 0.0 ? p->inverse_rate_max_a_s : mrd_from_bits(UINT64_C(0x7ff0000000000000));
+    return p->inverse_rate_max_a_s > 0.0 ? p->inverse_rate_max_a_s : mrd_infinity();
 }
 
 static void mrd_begin(const mrd_parameters *p, mrd_inverse *s) {
@@ -143,7 +143,7 @@ static void mrd_track(const mrd_parameters *p, mrd_inverse *s, const mrd_model_i
 
 /* The command at a displacement. `drive_counts`: the measured current is neither old nor odd. */
 static void mrd_command(const mrd_parameters *p, mrd_inverse *s, mrd_moving *moving, int64_t time_ns, bool drive_counts, mrd_output *out) {
-    const double infinity = mrd_from_bits(UINT64_C(0x7ff0000000000000));
+    const double infinity = mrd_infinity();
     mrd_model_inputs *in = &moving->in;
     double dt_s = in->dt_s, demand_n = mrd_nan(), driver_a;
     mrd_begin(p, s);

@@ -2,7 +2,7 @@
    f = c1 y' + k1 x,   (c0 + c1) y' = alpha z + k0 (x - y) + c0 v,
    z' = -gamma |x' - y'| z |z|^(n-1) - beta (x' - y') |z|^n + A (x' - y')
    Integrated by ROS2 (Verwer et al. 1999) in steps of at most 0.5 ms, at most 8.
-   @needs exp ln inputs
+   @needs exp ln inputs infinity
    @source */
 typedef struct {
     double c1, k0, k1, alpha, gamma, n, beta, a;
@@ -97,7 +97,7 @@ static double mrd_law(const double *p, const mrd_model_inputs *in, double *hidde
     d.n = p[6];
     d.beta = p[7];
     d.a = p[8];
-    d.bound = bound > 0.0 ? mrd_exp(mrd_ln(bound) / p[6]) : mrd_from_bits(UINT64_C(0x7ff0000000000000));
+    d.bound = bound > 0.0 ? mrd_exp(mrd_ln(bound) / p[6]) : mrd_infinity();
     if (!mrd_is_nan(in->dt_s)) {
         const double quotient = in->dt_s / 0.5e-3;
         int steps = 1, k;

@@ -1,6 +1,6 @@
 /* ln x = e ln 2 + ln c + 2 artanh s,   x = 2^e z,   s = (z - c)/(z + c),   c the middle of the interval of z, 1 around 1.
    Error 2.0 ulp. After P. T. P. Tang, ACM Trans. Math. Softw. 16 (1990) 378.
-   @needs exp
+   @needs exp infinity
    @source */
 /* c, and ln c as a number with its rounding error. The first interval begins at .6875. */
 static const double mrd_middles[32][3] = {
@@ -57,7 +57,7 @@ static double mrd_ln_scaled(double x, int32_t more) {
 }
 
 static double mrd_ln(double x) {
-    const double infinity = mrd_from_bits(UINT64_C(0x7ff0000000000000));
+    const double infinity = mrd_infinity();
     if (x >= 2.2250738585072014e-308 && x < infinity) {
         return mrd_ln_scaled(x, 0);
     }

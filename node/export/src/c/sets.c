@@ -1,10 +1,10 @@
 /* Gaussian fuzzy sets over the drive, w_j = exp(-(i - c_j)^2/(2 sigma_j^2)), relative to the strongest set. A set with less than 1e-7 of
    the strongest is ignored.
-   @needs exp min clamp
+   @needs exp min clamp infinity
    @source */
 /* Strengths of the sets, and their sum. */
 static double mrd_strengths(const mrd_parameters *p, double i, double strengths[MRD_SETS]) {
-    double nearest = mrd_from_bits(UINT64_C(0x7ff0000000000000)), sum = 0.0;
+    double nearest = mrd_infinity(), sum = 0.0;
     int j;
     for (j = 0; j < MRD_SETS; j++) {
         const double sigma = p->@membership_sigma@[j];

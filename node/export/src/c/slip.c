@@ -1,6 +1,6 @@
 /* Maxwell-slip model: a damping curve over velocity, bristles with memory, and a spring.
    f = sum_m d_m r_m(v) + sum_k b_k z_k + k x + o,   z_k <- s + (z_k - s) exp(-|v| dt/L_k),   s = sgn v
-   @needs exp sign max min inputs
+   @needs exp sign max min inputs infinity
    @header */
 typedef struct {
     double deflections[5];
@@ -26,7 +26,7 @@ static bool mrd_slip_step(const mrd_parameters *p, mrd_force_state *s, const mrd
         ramps[k] = 0.0;
     }
     for (k = 0; k < 4; k++) {
-        const double to = k < 3 ? p->knot_speeds_m_s[k] : mrd_from_bits(UINT64_C(0x7ff0000000000000));
+        const double to = k < 3 ? p->knot_speeds_m_s[k] : mrd_infinity();
         const double part = mrd_max(mrd_min(speed, to) - from, 0.0);
         ramps[v < 0.0 ? 3 - k : 4 + k] = part * mrd_signum(v);
         from = to;

@@ -1,9 +1,10 @@
 /* Signals that terms are functions of: time, path, energy, reversals and changes of the drive since the start.
-   @needs exp_m1 sign inputs resonator_state
+   @needs exp_m1 sign inputs resonator_state running_sum
    @header */
 typedef struct {
     bool begun, extrapolates;
-    double time_s, step_s, path_m, energy_j, first_temp_c;
+    mrd_running_sum time_s, path_m, energy_j;
+    double step_s, first_temp_c;
     double furthest_m, furthest_s, turn_m, turn_s, direction;
     double held_drive, changed_s, lagged_drive, mean_speed_m_s, force_n;
     mrd_resonator filters[3];
@@ -11,10 +12,10 @@ typedef struct {
 /* @source */
 static void mrd_signals_begin(mrd_terms_state *s, const mrd_model_inputs *in) {
     s->begun = true;
-    s->time_s = 0.0;
+    mrd_running_sum_begin(&s->time_s);
     s->step_s = 0.0;
-    s->path_m = 0.0;
-    s->energy_j = 0.0;
+    mrd_running_sum_begin(&s->path_m);
+    mrd_running_sum_begin(&s->energy_j);
     s->first_temp_c = in->case_temp_c;
     s->furthest_m = in->displacement_m;
     s->furthest_s = 0.0;
@@ -36,17 +37,17 @@ static void mrd_follow_turns(mrd_terms_state *s, double displacement_m) {
         if (mrd_abs(moved_m) > 1e-4) {
             s->direction = mrd_signum(moved_m);
             s->furthest_m = displacement_m;
-            s->furthest_s = s->time_s;
+            s->furthest_s = s->time_s.sum;
         }
     } else if (onward_m >= 0.0) {
         s->furthest_m = displacement_m;
-        s->furthest_s = s->time_s;
+        s->furthest_s = s->time_s.sum;
     } else if (onward_m < -1e-4) {
         s->turn_m = s->furthest_m;
         s->turn_s = s->furthest_s;
         s->direction = -s->direction;
         s->furthest_m = displacement_m;
-        s->furthest_s = s->time_s;
+        s->furthest_s = s->time_s.sum;
     }
 }
 
@@ -56,10 +57,10 @@ static void mrd_signals_before_force(mrd_terms_state *s, const mrd_model_inputs 
         mrd_signals_begin(s, in);
         return;
     }
-    s->time_s += in->dt_s;
+    mrd_running_sum_add(&s->time_s, in->dt_s);
     s->step_s = in->dt_s;
     if (mrd_is_finite(speed_m_s)) {
-        s->path_m = s->path_m + speed_m_s * in->dt_s;
+        mrd_running_sum_add(&s->path_m, speed_m_s * in->dt_s);
         s->mean_speed_m_s = s->mean_speed_m_s + (speed_m_s - s->mean_speed_m_s) * -mrd_exp_m1(-in->dt_s / 1.0);
     }
     mrd_follow_turns(s, in->displacement_m);
@@ -67,7 +68,7 @@ static void mrd_signals_before_force(mrd_terms_state *s, const mrd_model_inputs 
         const double share = -mrd_exp_m1(-in->dt_s / 0.05);
         if (mrd_abs(in->drive - s->held_drive) > 0.05 || !mrd_is_finite(s->held_drive)) {
             s->held_drive = in->drive;
-            s->changed_s = s->time_s;
+            s->changed_s = s->time_s.sum;
         }
         s->lagged_drive = mrd_is_finite(s->lagged_drive) ? s->lagged_drive + (in->drive - s->lagged_drive) * share : in->drive;
     }
@@ -78,6 +79,6 @@ static void mrd_signals_before_force(mrd_terms_state *s, const mrd_model_inputs 
 
 /* `force_n`: of the damper, without the session's offset. */
 static void mrd_signals_after_force(mrd_terms_state *s, const mrd_model_inputs *in, double force_n) {
-    s->energy_j = s->energy_j + s->force_n * in->velocity_m_s * s->step_s;
+    mrd_running_sum_add(&s->energy_j, s->force_n * in->velocity_m_s * s->step_s);
     s->force_n = force_n;
 }

@@ -1,8 +1,8 @@
 /* Generalised bells [a, b, c] of a fuzzy input, 1/(1 + |(u - c)/a|^(2 b)); where all underflow, their logarithms are compared.
-   @needs exp ln_1p min max
+   @needs exp ln_1p min max infinity
    @source */
 static void mrd_tsk_bell(const double (*sets)[3], int count, double u, double *strengths) {
-    double nearest = mrd_from_bits(UINT64_C(0x7ff0000000000000)), sum = 0.0;
+    double nearest = mrd_infinity(), sum = 0.0;
     int j;
     for (j = 0; j < count; j++) {
         const double distance = mrd_abs((u - sets[j][2]) / sets[j][0]);

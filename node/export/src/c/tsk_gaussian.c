@@ -1,8 +1,8 @@
 /* Gaussian sets [centre, sigma] of a fuzzy input, relative to the nearest one.
-   @needs exp min
+   @needs exp min infinity
    @source */
 static void mrd_tsk_gaussian(const double (*sets)[2], int count, double u, double *strengths) {
-    double nearest = mrd_from_bits(UINT64_C(0x7ff0000000000000));
+    double nearest = mrd_infinity();
     int j;
     for (j = 0; j < count; j++) {
         const double distance = (u - sets[j][0]) / sets[j][1];

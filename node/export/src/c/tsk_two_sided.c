@@ -1,8 +1,8 @@
 /* Two-sided Gaussian sets [left sigma, left centre, right sigma, right centre] of a fuzzy input, relative to the nearest one.
-   @needs exp min max
+   @needs exp min max infinity
    @source */
 static void mrd_tsk_two_sided(const double (*sets)[4], int count, double u, double *strengths) {
-    double nearest = mrd_from_bits(UINT64_C(0x7ff0000000000000));
+    double nearest = mrd_infinity();
     int j;
     for (j = 0; j < count; j++) {
         const double left = mrd_max((sets[j][1] - u) / sets[j][0], 0.0), right = mrd_max((u - sets[j][3]) / sets[j][2], 0.0);

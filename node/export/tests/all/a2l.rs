@@ -2,7 +2,7 @@
 
 use crate::cases::{effects, fuzzy_tanh, learned, with};
 use crate::compile::is_here;
-use mr_damper_export::{CExport, CSource, a2l};
+use mr_damper_export::{CExport, CSource, Precision, a2l};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::inverse::{InverseController, Limits, Method};
 use std::collections::BTreeMap;
@@ -112,7 +112,10 @@ fn sources() -> Vec<CSource> {
         let controller =
             InverseController::with_method(&base, Limits::default(), method).expect("an inverse");
         let parts = controller.parts().expect("not learned");
-        all.push(CExport::new("damper", &base).inverse(&parts).source().expect("it is exported"));
+        for precision in [Precision::Double, Precision::Single] {
+            let export = CExport::new("damper", &base).inverse(&parts).precision(precision);
+            all.push(export.source().expect("it is exported"));
+        }
     }
     all
 }

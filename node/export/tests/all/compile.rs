@@ -1,8 +1,10 @@
 //! Compiles an export with a driver that reads readings and writes estimates as bits.
 
 use mr_damper_export::CSource;
-use mr_damper_export::vectors::{Expected, Readings, SILENCE_NS};
-use std::fmt::Write as _;
+use mr_damper_export::driver::{self, driver};
+use mr_damper_export::vectors::{Expected, Readings};
+
+pub(crate) use driver::bytes;
 use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -29,61 +31,7 @@ pub(crate) fn write(dir: &Path, source: &CSource) {
     for (ending, text) in [("h", &source.header), ("c", &source.source)] {
         std::fs::write(dir.join(format!("{name}.{ending}")), text).expect("written");
     }
-    let mut fields = String::new();
-    if let Some(kind) = source.drive {
-        let _ = writeln!(fields, "        in.{} = given[1];", kind.name());
-    }
-    if source.needs_velocity {
-        fields += "        in.velocity_m_s = given[2];\n";
-    }
-    if source.needs_temperature {
-        fields += "        in.case_temp_c = given[3];\n";
-    }
-    let mut commands = String::new();
-    if source.has_inverse {
-        fields += "        in.force_request_n = given[4];\n";
-        commands = format!(
-            "        {{
-            const double numbers[6] = {{ out.current_a, out.requested_n, out.expected_n, out.achievable_n[0], out.achievable_n[1],
-                {name}_silent_current_a(&{name}_default_parameters, &state, time_ns + INT64_C({SILENCE_NS})) }};
-            words[0] = out.limited_by;
-            words[1] = (out.is_commanded ? 1U : 0U) | (out.is_achievable ? 2U : 0U) | (out.is_dissipative ? 4U : 0U);
-            fwrite(words, sizeof words, 1, to);
-            fwrite(numbers, sizeof numbers, 1, to);
-        }}
-"
-        );
-    }
-    let driver = format!(
-        "#include <stdio.h>
-#include \"{name}.h\"
-int main(void) {{
-    static {name}_state state;
-    int64_t time_ns;
-    double given[5];
-#ifdef FILES
-    FILE *from = fopen(\"in.bin\", \"rb\"), *to = fopen(\"out.bin\", \"wb\");
-#else
-    FILE *from = stdin, *to = stdout;
-#endif
-    while (fread(&time_ns, sizeof time_ns, 1, from) == 1 && fread(given, sizeof given, 1, from) == 1) {{
-        {name}_input in;
-        {name}_output out;
-        uint32_t words[2];
-        in.time_ns = time_ns;
-        in.displacement_m = given[0];
-{fields}        words[0] = {name}_step(&{name}_default_parameters, &state, &in, &out) ? 1U : 0U;
-        words[1] = out.flags;
-        fwrite(words, sizeof words, 1, to);
-        fwrite(&out.force_n, sizeof out.force_n, 1, to);
-        fwrite(&out.reading_n, sizeof out.reading_n, 1, to);
-{commands}    }}
-    fclose(to);
-    return 0;
-}}
-"
-    );
-    std::fs::write(dir.join("driver.c"), driver).expect("written");
+    std::fs::write(dir.join("driver.c"), driver(source)).expect("written");
 }
 
 /// Compiles what [`write`] wrote, and runs it on `readings`.
@@ -105,7 +53,7 @@ pub(crate) fn run_bytes(
     level: &str,
     readings: &[Readings],
 ) -> Vec<u8> {
-    let size = if source.has_inverse { 80 } else { 24 };
+    let size = driver::size(source);
     let program = dir.join(format!("{}{level}", compiler.replace('/', "_")));
     let compiled = Command::new(compiler)
         .current_dir(dir)
@@ -133,21 +81,7 @@ pub(crate) fn run_bytes(
     output.stdout
 }
 
-/// The readings as the driver reads them.
-pub(crate) fn bytes(readings: &[Readings]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(48 * readings.len());
-    for r in readings {
-        bytes.extend(r.time_ns.to_le_bytes());
-        for value in [r.displacement_m, r.drive, r.velocity_m_s, r.case_temp_c, r.force_request_n] {
-            bytes.extend(value.to_le_bytes());
-        }
-    }
-    bytes
-}
-
 /// One output of the driver.
 pub(crate) fn parse(bytes: &[u8]) -> Expected {
-    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
-    let number = |at: usize| f64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight bytes"));
-    Expected { accepted: word(0) == 1, force_n: number(8), reading_n: number(16), flags: word(4) }
+    driver::parse(bytes).expect("an output of the driver")
 }

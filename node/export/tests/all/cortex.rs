@@ -1,13 +1,14 @@
 //! Exported code on Cortex-M processors under QEMU, bit for bit, and its size there.
 
 use crate::back_to_back::assert_same;
-use crate::cases::{effects, fuzzy_tanh, learned, terms, with};
-use crate::compile::{WARNINGS, bytes, is_here, parse, write};
+use crate::cases::{effects, forces, fuzzy_tanh, learned, terms, with};
+use crate::compile::{WARNINGS, bytes, is_here, parse, run_bytes, write};
 use crate::inverse::{Prepared, TIGHT};
 use mr_damper_export::vectors::{Readings, expected, readings};
-use mr_damper_export::{CExport, CSource};
+use mr_damper_export::{CExport, CSource, Precision};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::inverse::Method;
+use mr_damper_model::model::Model;
 use std::path::Path;
 use std::process::Command;
 
@@ -107,10 +108,36 @@ fn cortex_m_has_the_services_commands() {
 }
 
 #[test]
+#[ignore = "needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm"]
+fn cortex_m_has_the_hosts_bits_in_single_precision() {
+    assert!(is_here("arm-none-eabi-gcc") && is_here("qemu-system-arm"), "install them");
+    let spread = |cases: Vec<_>, step| cases.into_iter().step_by(step);
+    let cases = spread(effects(), 9).chain(spread(forces(), 6)).chain(spread(terms(), 8));
+    for (index, (name, model)) in cases.enumerate() {
+        let all = readings(&model, 1000, 140 + index as u64);
+        let source =
+            CExport::new("damper", &model).precision(Precision::Single).source().expect("it is exported");
+        let dir = tempfile::tempdir().expect("a directory");
+        write(dir.path(), &source);
+        let host = run_bytes(dir.path(), &source, "gcc", "-O2", &all);
+        for processor in PROCESSORS {
+            assert!(run(dir.path(), &source, processor, &all) == host, "{name}, {}", processor.0);
+        }
+    }
+}
+
+#[test]
 #[ignore = "needs gcc-arm-none-eabi"]
 fn fuzzy_tanh_with_coil_lag_and_series_spring_is_small() {
     let model = with(fuzzy_tanh(), &[Effect::CoilLag.example(), Effect::SeriesSpring.example()]);
-    let source = CExport::new("damper", &model).source().expect("it is exported");
+    for (precision, most) in [(Precision::Double, [6 * 1024, 512]), (Precision::Single, [4 * 1024, 256])] {
+        assert_small(&model, precision, most);
+    }
+}
+
+/// Fails if the code of `model` takes more than `most` bytes of flash and of state on a Cortex-M4F, or needs anything but its arithmetic.
+fn assert_small(model: &Model, precision: Precision, most: [u64; 2]) {
+    let source = CExport::new("damper", model).precision(precision).source().expect("it is exported");
     let dir = tempfile::tempdir().expect("a directory");
     write(dir.path(), &source);
     let file = |name: &str| dir.path().join(name);
@@ -136,16 +163,17 @@ fn fuzzy_tanh_with_coil_lag_and_series_spring_is_small() {
     };
     let [code, data, bss] = size("damper.o");
     let [_, _, state] = size("probe.o");
-    println!("Cortex-M4F: {code} bytes of flash, {state} bytes of state");
+    println!("Cortex-M4F, {}: {code} bytes of flash, {state} bytes of state", precision.c_type());
     assert_eq!((data, bss), (0, 0), "no globals that change");
-    assert!(code <= 6 * 1024 && state <= 512, "{code} bytes of flash, {state} of state");
+    assert!(code <= most[0] && state <= most[1], "{code} bytes of flash, {state} of state");
     let symbols =
         Command::new("arm-none-eabi-nm").arg("-u").arg(file("damper.o")).output().expect("nm runs").stdout;
     for symbol in String::from_utf8(symbols).expect("text").split_whitespace().filter(|word| word.len() > 1) {
-        // Arithmetic of double precision, and copies of structures.
-        assert!(
-            symbol.starts_with("__aeabi_") || ["memcpy", "memset"].contains(&symbol),
-            "undefined: {symbol}"
-        );
+        // Arithmetic of double precision, differences of times, and copies of structures.
+        let is_arithmetic = match precision {
+            Precision::Double => symbol.starts_with("__aeabi_"),
+            Precision::Single => symbol == "__aeabi_l2f",
+        };
+        assert!(is_arithmetic || ["memcpy", "memset"].contains(&symbol), "undefined: {symbol}");
     }
 }

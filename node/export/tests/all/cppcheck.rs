@@ -2,8 +2,8 @@
 
 use crate::cases::{conditionings, effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::is_here;
-use mr_damper_export::CExport;
 use mr_damper_export::fmu::{FmiVersion, Fmu};
+use mr_damper_export::{CExport, Precision};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::inverse::{InverseController, Limits, Method};
 use std::path::Path;
@@ -35,11 +35,14 @@ fn cppcheck_finds_nothing_that_is_not_justified() {
     let mut found = Vec::new();
     let all = [forces(), learned(), conditionings(), effects(), terms()].concat();
     for (name, model) in all.iter().step_by(3) {
-        let source = CExport::new("damper", model).source().expect("it is exported");
-        let dir = tempfile::tempdir().expect("a directory");
-        std::fs::write(dir.path().join("damper.h"), &source.header).expect("written");
-        std::fs::write(dir.path().join("damper.c"), &source.source).expect("written");
-        found.extend(findings(name, dir.path()));
+        for precision in [Precision::Double, Precision::Single] {
+            // Lazy learning has no code in single precision.
+            let Ok(source) = CExport::new("damper", model).precision(precision).source() else { continue };
+            let dir = tempfile::tempdir().expect("a directory");
+            std::fs::write(dir.path().join("damper.h"), &source.header).expect("written");
+            std::fs::write(dir.path().join("damper.c"), &source.source).expect("written");
+            found.extend(findings(&format!("{name}, {}", precision.c_type()), dir.path()));
+        }
     }
     let lag = with(fuzzy_tanh(), &[Effect::CoilLag.example(), Effect::GasSpring.example()]);
     for method in [Method::Search, Method::Polynomial, Method::Fuzzy] {

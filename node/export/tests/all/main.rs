@@ -9,3 +9,4 @@ mod cppcheck;
 mod fmu;
 mod inverse;
 mod requirements;
+mod single;

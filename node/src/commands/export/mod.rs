@@ -1,19 +1,19 @@
 //! `mr-damper export`: a model as C99 source for an electronic control unit, and as FMU for a simulator.
 
+mod compilers;
+
 use crate::commands::context::CliContext;
 use crate::estimation::models;
 use crate::settings::error::{NodeError, PartError};
 use mr_damper_base::shown;
 use mr_damper_export::fmu::{FmiVersion, Fmu};
-use mr_damper_export::{CExport, CSource, ExportError, a2l, vectors};
+use mr_damper_export::{CExport, CSource, ExportError, Precision, a2l, vectors};
 use mr_damper_model::inverse::{InverseController, InverseParts, Limits, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Models, Settings};
 use mr_damper_runs::{write_bytes, write_text};
 use std::fs;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 /// Write a model with its effects as C99 source for an electronic control unit.
 ///
@@ -26,6 +26,9 @@ use std::process::Command;
 ///
 /// --fmu writes a Functional Mock-up Unit (FMI co-simulation) with its C sources, for MATLAB/Simulink, Dymola, OpenModelica,
 /// FMPy and other simulators. If there is a C compiler (cc), the FMU also has a binary for this machine.
+///
+/// --float writes C code in single precision, for a processor whose FPU has no double precision. Its results differ from the
+/// node's by rounding errors. If there is a C compiler (cc), the difference is measured, and said in the files.
 #[derive(Debug, clap::Args)]
 #[command(group(clap::ArgGroup::new("output").args(["c", "fmu"]).required(true).multiple(true)))]
 pub struct Args {
@@ -44,6 +47,9 @@ pub struct Args {
     /// What all names in the code begin with: letters, digits and _, beginning with a letter.
     #[arg(long, value_name = "NAME", default_value = "damper")]
     name: String,
+    /// Write the code in single precision. Only in the files of --c; --vectors has the node's results, in double precision.
+    #[arg(long, requires = "c", conflicts_with = "fmu")]
+    float: bool,
     /// Also write the inverse controller, which commands a coil current for a requested force: search (on the model), or
     /// polynomial or fuzzy (functions fitted to the model). Only in the files of --c.
     #[arg(long, value_name = "METHOD", requires = "c", value_parser = ["search", "polynomial", "fuzzy"])]
@@ -110,7 +116,9 @@ fn address(text: &str) -> Result<u64, String> {
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let model = models::load(&args.model)?;
     let hash = models::hash(&Models::alone(model))?;
-    let export = CExport::new(&args.name, &model)
+    let precision = if args.float { Precision::Single } else { Precision::Double };
+    let mut export = CExport::new(&args.name, &model)
+        .precision(precision)
         .provenance(format!("From {}.", args.model))
         .provenance(format!("Model hash {hash}, as the node publishes it."));
     let written_from = |export: &CExport<'_>| {
@@ -121,10 +129,22 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     };
     let settings = args.settings();
     let inverse = args.inverse_parts(&model, &settings)?;
-    let source = match &inverse {
-        Some(parts) => written_from(&export.clone().inverse(parts))?,
-        None => written_from(&export)?,
-    };
+    if args.float {
+        for line in compilers::difference(&written_from(&export)?, &model, context)? {
+            export = export.provenance(line);
+        }
+    }
+    let estimator = export.clone();
+    if let Some(parts) = &inverse {
+        export = export.inverse(parts);
+    }
+    let mut source = written_from(&export)?;
+    if args.c.is_some() {
+        for line in compilers::footprint(&source)? {
+            export = export.provenance(line);
+        }
+        source = written_from(&export)?;
+    }
     let mut written = Vec::new();
     if let Some(folder) = &args.c {
         let fault =
@@ -136,9 +156,9 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     if let Some(path) = &args.fmu {
         let version = FmiVersion::named(&args.fmi).unwrap_or_default();
-        let estimator = written_from(&export)?;
+        let estimator = written_from(&estimator)?;
         let fmu = Fmu::new(&estimator, version);
-        let binary = compiled(&fmu, version, context)?;
+        let binary = compilers::fmu_binary(&fmu, version, context)?;
         write_bytes(path, &fmu.archive(binary.as_deref())?)?;
         written.push(path.clone());
     }
@@ -165,52 +185,6 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         }
     }
     Ok(())
-}
-
-/// The shared object of `fmu` for this machine; `None`, with a message, without a compiler or on a machine that FMI has no name for.
-fn compiled(fmu: &Fmu<'_>, version: FmiVersion, context: &CliContext) -> Result<Option<Vec<u8>>, NodeError> {
-    let without = |why: &str| {
-        if !context.quiet {
-            eprintln!(
-                "the FMU has C sources and no binary: {why}. Simulators that compile sources can use it."
-            );
-        }
-        Ok(None)
-    };
-    if version.platform().is_none() {
-        let name = version.name();
-        return without(&format!("FMI {name} has no name for this kind of machine"));
-    }
-    let folder = tempfile::tempdir().map_err(|error| NodeError::File {
-        path: std::env::temp_dir(),
-        message: format!("cannot create a folder for the compiler: {error}"),
-    })?;
-    for (path, text) in fmu.files()? {
-        if let Some(name) = path.strip_prefix("sources/") {
-            write_text(&folder.path().join(name), &text)?;
-        }
-    }
-    let object = folder.path().join("fmu.so");
-    let done = Command::new("cc")
-        .current_dir(folder.path())
-        .args(["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-o"])
-        .arg(&object)
-        .args(fmu.compiled())
-        .output();
-    let done = match done {
-        Err(error) if error.kind() == ErrorKind::NotFound => {
-            return without("there is no C compiler (cc) on this machine");
-        }
-        other => {
-            other.map_err(|error| NodeError::Usage(format!("the C compiler (cc) does not start: {error}")))?
-        }
-    };
-    let fault = |message: String| NodeError::File { path: PathBuf::from("cc"), message };
-    if !done.status.success() {
-        let said = String::from_utf8_lossy(&done.stderr);
-        return Err(fault(format!("the C compiler refuses the sources of the FMU: {}", shown::line(&said))));
-    }
-    fs::read(&object).map(Some).map_err(|error| fault(format!("the compiler wrote no binary: {error}")))
 }
 
 fn calibration_file(args: &Args, source: &CSource) -> String {
