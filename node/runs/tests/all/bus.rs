@@ -315,6 +315,30 @@ fn what_a_cut_log_still_holds_is_read() {
         ("cut.mf4", bus_mdf(true)),
     ] {
         let whole =
+#[test]
+fn a_frame_that_a_cut_container_ends_in_is_not_completed_with_zeros() {
+    let dir = temporary();
+    let dbc = write(dir.path(), "car.dbc", DBC);
+    let options = mapped(&dbc, &["displacement=SUSP_FL.Position", "measured_force=RIG.Load"]);
+    // One container.
+    let content = blf(&frames(), 1 << 20);
+    let whole = loaded(&write(dir.path(), "whole.blf", &content), &options).run;
+    let mut most = 0;
+    for end in (2000..content.len()).step_by(7) {
+        let run = loaded(&write(dir.path(), "cut.blf", &content[..end]), &options).run;
+        for ((name, found), (_, all)) in channels(&run).iter().zip(channels(&whole)) {
+            assert!(
+                all.starts_with(found),
+                "{name}, cut at {end}: the last of {} is {:?}",
+                found.len(),
+                found.last()
+            );
+            most = most.max(found.len());
+        }
+    }
+    assert!(most > 150, "{most}");
+}
+
             loaded(&write(dir.path(), &format!("whole-{name}"), &content), &options).run.displacement_m;
         for part in [content.len() / 2 + 1, content.len() * 3 / 4 + 2, content.len() - 5] {
             let found = loaded(&write(dir.path(), name, &content[..part]), &options);
