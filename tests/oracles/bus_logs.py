@@ -3,8 +3,9 @@
 usage: bus_logs.py MR_DAMPER
 
 Needs the packages of .ci/bus.txt. python-can writes the same frames as candump, ASC, BLF and MDF4 logs: classic frames and CAN FD, 11
-and 29 bits, Intel and Motorola, signed, floats and multiplexed signals. asammdf writes the channels as an MDF4 file, packed in each way
-that is read, as floats and as whole numbers with a conversion. Each log is read again by the library that wrote it, decoded by cantools,
+and 29 bits, Intel and Motorola, signed, floats and multiplexed signals. asammdf writes the frames and the channels as MDF4 files: the
+channels as floats and as whole numbers with a conversion, and both not packed, and packed with deflate, zstd and LZ4, with and without a
+transposition, in one block and in a list of blocks. Each log is read again by the library that wrote it, decoded by cantools,
 and written as CSV. `mr-damper convert` of the log and of that CSV must give the same bytes. Then each log is cut: the rows before the cut must be
 the same, and a warning must name the place. The exit code is 1 if something differs.
 """
@@ -131,10 +132,22 @@ class Checker:
         self.failed |= not good
 
 
-def plain_mdf(path, columns, compression):
+def version_of(compression):
+    """The oldest version of the format that has this compression of asammdf: from 3 on, zstd and LZ4."""
+    return "4.30" if compression > 2 else "4.10"
+
+
+def zip_types(path):
+    """The numbers of the methods of all packed blocks in a file."""
+    data = Path(path).read_bytes()
+    return {data[at + 26] for at in range(0, len(data) - 26, 8) if data.startswith(b"##DZ\0\0\0\0", at)}
+
+
+def plain_mdf(path, columns, compression, block_bytes):
     """An MDF4 file with plain channels: a float with its unit, and raw whole numbers with a linear conversion."""
-    mdf = asammdf.MDF(version="4.10")
-    t = np.arange(2000) * 0.004
+    mdf = asammdf.MDF(version=version_of(compression))
+    mdf.configure(write_fragment_size=block_bytes)
+    t = np.arange(8000) * 0.004
     raw = np.round(4000 * np.sin(9 * t)).astype("<i2")
     linear = {"a": 0.01, "b": 0.5}
     position = asammdf.Signal(raw, t, name="Stroke", unit="mm", conversion=linear, raw=True)
@@ -197,18 +210,28 @@ def main():
         good = all(a[1] == b[1] and float(a[0]) == float(b[0]) for a, b in pairs) and len(pairs) > 1000
         checker.say("python-can .blf since 1970", good, f"{len(pairs)} rows, times are the same doubles")
         # MDF4.
-        for compression in (0, 1, 2):
+        for compression in range(7):
             log = folder / f"bus{compression}.mf4"
-            writer = can.MF4Writer(log, compression_level=compression)
+            writer = can.MF4Writer(log, compression_level=min(compression, 2))
             for message in frames(database, round(writer._start_time, 3) + 1):
                 writer.on_message_received(message)
             writer.stop()
+            if compression > 2:
+                # python-can writes version 4.10 only.
+                with asammdf.MDF(log) as mdf, mdf.convert("4.30") as newer:
+                    newer.save(log, overwrite=True, compression=compression)
             table(csv, database, of_mdf(log))
             checker.same(f"python-can .mf4, compression {compression}", log, csv, *options)
-            log = folder / f"plain{compression}.mf4"
-            plain_mdf(log, csv, compression)
-            maps = ["--map", "displacement=Stroke", "--map", "measured_force=Load cell", "--map", "coil_current=Coil"]
-            checker.same(f"asammdf .mf4 with plain channels, compression {compression}", log, csv, *maps)
+            # The number of a method in the file is one less than asammdf's; files that are not packed have none.
+            expected = {compression - 1} if compression else set()
+            checker.say(f"methods in {log.name}", zip_types(log) == expected, f"{zip_types(log)}")
+            # asammdf packs the blocks of a list with transposed deflate only.
+            for block_bytes in (30_000, 4 << 20) if compression in (0, 2) else (4 << 20,):
+                log = folder / f"plain{compression}-{block_bytes}.mf4"
+                plain_mdf(log, csv, compression, block_bytes)
+                maps = ["--map", "displacement=Stroke", "--map", "measured_force=Load cell", "--map", "coil_current=Coil"]
+                checker.same(f"asammdf .mf4 with plain channels, compression {compression}, blocks of {block_bytes} bytes", log, csv, *maps)
+                checker.say(f"methods in {log.name}", zip_types(log) == expected, f"{zip_types(log)}")
         sys.exit(1 if checker.failed else 0)
 
 

@@ -34,6 +34,7 @@ mod output;
 mod protection;
 mod signal;
 mod text;
+mod unpack;
 
 pub use error::BusError;
 pub use frame::{CanId, MOST_BYTES};

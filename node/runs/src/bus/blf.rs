@@ -5,8 +5,8 @@
 //! Stamps count from the start of the measurement; the time of a frame is their sum, since 1970.
 
 use super::frame::{Bus, BusFrame, CanId, FrameSink, MOST_BYTES};
+use super::unpack::{Inflate, read_up_to};
 use crate::{Note, RunError};
-use miniz_oxide::inflate::decompress_to_vec_zlib_with_limit;
 use std::io::Read;
 use std::path::Path;
 
@@ -167,10 +167,10 @@ fn container(body: &[u8]) -> Result<(Vec<u8>, Option<String>), String> {
     match method {
         0 => Ok((data.to_vec(), None)),
         2 if size as usize > LARGEST => Err(format!("its data have {size} bytes")),
-        2 => match decompress_to_vec_zlib_with_limit(data, size as usize) {
-            Ok(data) => Ok((data, None)),
-            Err(error) => Ok((error.output, Some(format!("its zlib data are damaged ({:?})", error.status)))),
-        },
+        2 => {
+            let (data, ended) = read_up_to(Inflate::new(data), size as usize);
+            Ok((data, ended.err().map(|why| format!("its zlib data are damaged ({why})"))))
+        }
         other => Err(format!("its compression {other} is not known (0, none, and 2, zlib, are)")),
     }
 }

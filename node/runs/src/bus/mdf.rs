@@ -1,10 +1,11 @@
-//! Reads MDF4 files (ASAM MDF 4.0 to 4.2): plain channels, and frames of a CAN bus (ASAM MDF bus logging).
+//! Reads MDF4 files (ASAM MDF 4.0 to 4.3): plain channels, and frames of a CAN bus (ASAM MDF bus logging).
 //!
-//! Data may be sorted or not, in lists, and packed with deflate. Of a file that ends early, the records before its end are read. A
-//! recorder that did not finish its file leaves counts of zero; its records are then counted by the data.
+//! Data may be sorted or not, in lists, and packed with deflate, zstd or LZ4. Of a file that ends early, or has a damaged block of data, the
+//! records before are read. A recorder that did not finish its file leaves counts of zero; its records are then counted by the data.
 
 mod blocks;
 mod data;
+mod packed;
 mod structure;
 mod value;
 
@@ -58,23 +59,28 @@ pub(super) fn load<R: Read + Seek>(
     }
     let mut channels = Channels::new(path, options, database, plain)?;
     let wanted = wanted(path, &channels, &numbered, &places)?;
-    let mut records = 0;
+    let (mut records, mut ended) = (0, None);
     for (index, group) in groups.iter().enumerate() {
         let own: Vec<&Numbered<'_>> = numbered.iter().filter(|it| it.data_group == index).collect();
-        let mut readers = readers(&blocks, group, &own, &wanted, database).map_err(of_stop)?;
+        let mut readers = readers(&blocks, group, &own, &wanted, database, &mut ended).map_err(of_stop)?;
         if readers.is_empty() {
             continue;
         }
         let mut read = Records { group, state, counts: vec![0; group.groups.len()], pending: Vec::new() };
-        let ended = read.all(&blocks, &mut |number, record| {
+        let end = read.all(&blocks, &mut |number, record| {
             for reader in readers.iter_mut().filter(|reader| reader.group_index == number) {
                 reader.take(record, &mut channels);
             }
         });
-        let ended = ended.map_err(of_stop)?;
+        ended = ended.or(end.map_err(of_stop)?);
         records += readers.iter().map(|reader| reader.taken).sum::<u64>();
-        fault = fault.or(ended);
     }
+    if records == 0
+        && let Some(fault) = &ended
+    {
+        return Err(not_mdf(shown(fault)));
+    }
+    fault = fault.or(ended);
     if !state.is_finished {
         notes.push(Note::LogUnfinished { path: path.to_owned() });
     }
@@ -222,13 +228,15 @@ struct FrameParts<'a> {
     variable: Vec<u8>,
 }
 
-/// The readers of the groups that hold wanted channels or frames.
+/// The readers of the groups that hold wanted channels or frames. `ended` becomes the first fault that ends bytes of variable length
+/// early. Frames are not read if all of their bytes are lost.
 fn readers<'a, R: Read + Seek>(
     blocks: &Blocks<'_, R>,
     data_group: &'a DataGroup,
     groups: &[&Numbered<'a>],
     wanted: &[Wanted],
     database: &Database,
+    ended: &mut Option<BlockFault>,
 ) -> Result<Vec<Reader<'a>>, Stop> {
     let mut readers = Vec::new();
     for Numbered { number, index, group, .. } in groups {
@@ -236,7 +244,13 @@ fn readers<'a, R: Read + Seek>(
         let values: Vec<_> = own.map(|wanted| (wanted.series, &group.channels[wanted.channel])).collect();
         let mut frame = if database.messages.is_empty() { None } else { frame_parts(group) };
         if let Some(parts) = &mut frame {
-            parts.variable = variable(blocks, data_group, parts.bytes)?;
+            let (bytes, end) = variable(blocks, data_group, parts.bytes)?;
+            let is_lost = bytes.is_empty() && end.is_some();
+            parts.variable = bytes;
+            *ended = ended.take().or(end);
+            if is_lost {
+                frame = None;
+            }
         }
         let Some(time) = group.time() else { continue };
         if !values.is_empty() || frame.is_some() {
@@ -265,15 +279,15 @@ fn frame_parts(group: &ChannelGroup) -> Option<FrameParts<'_>> {
     })
 }
 
-/// The bytes of variable length of a channel, each with its length before it.
+/// The bytes of variable length of a channel, each with its length before it, and the fault that ended them early.
 fn variable<R: Read + Seek>(
     blocks: &Blocks<'_, R>,
     data_group: &DataGroup,
     channel: &Channel,
-) -> Result<Vec<u8>, Stop> {
+) -> Result<(Vec<u8>, Option<BlockFault>), Stop> {
     let mut bytes = Vec::new();
     if channel.role != Role::Variable || channel.data == 0 {
-        return Ok(bytes);
+        return Ok((bytes, None));
     }
     let at = channel.data;
     let mut keep = |more: &[u8]| {
@@ -283,7 +297,11 @@ fn variable<R: Read + Seek>(
         bytes.extend_from_slice(more);
         Ok(())
     };
-    match &blocks.head(at)?.id {
+    let head = match blocks.head(at) {
+        Err(Stop::Damaged(fault)) => return Ok((bytes, Some(fault))),
+        head => head?,
+    };
+    let ended = match &head.id {
         b"##CG" => {
             let state = State { is_finished: false, is_open: true };
             let mut records = Records {
@@ -299,11 +317,12 @@ fn variable<R: Read + Seek>(
                 }
             })?;
             full?;
+            // The records of the data group are read again, and then give the fault.
+            None
         }
-        // The records say where the bytes end, if they end early.
-        _ => drop(data::stream(blocks, at, false, keep)?),
-    }
-    Ok(bytes)
+        _ => data::stream(blocks, at, false, keep)?,
+    };
+    Ok((bytes, ended))
 }
 
 impl Reader<'_> {

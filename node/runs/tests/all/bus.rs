@@ -2,6 +2,7 @@
 //! say what to do. `tests/oracles/bus_logs.py` compares with python-can, asammdf and cantools.
 
 mod logs;
+mod packed;
 
 use crate::run_support::*;
 use logs::{Cn, Frame, Mdf, asc, blf, candump, started};
@@ -188,7 +189,8 @@ fn bus_mdf(is_finished: bool) -> Vec<u8> {
     bytes
 }
 
-/// An MDF4 file with plain channels, whose data are in a list: one part packed with a transposition, one packed, one as it is.
+/// An MDF4 file with plain channels, whose data are in a list of parts: packed by each method, with and without a transposition, and one as
+/// it is.
 fn plain_mdf(rows: u64, conversion: u8) -> Vec<u8> {
     let mut mdf = Mdf::new(true);
     let linear = mdf.linear(0.01, 0.5);
@@ -221,27 +223,9 @@ fn plain_mdf(rows: u64, conversion: u8) -> Vec<u8> {
     };
     let all: Vec<u8> = (0..rows).flat_map(record).collect();
     let mut parts = vec![0];
-    for (index, part) in all.chunks(500).enumerate() {
-        if index % 3 == 2 {
-            parts.push(mdf.block(b"##DT", &[], part));
-            continue;
-        }
-        let is_transposed = index % 3 == 0;
-        let rows = part.len() / 16;
-        let mut packed = Vec::new();
-        if is_transposed {
-            (0..16).for_each(|column| packed.extend((0..rows).map(|row| part[row * 16 + column])));
-            packed.extend(&part[rows * 16..]);
-        } else {
-            packed.extend(part);
-        }
-        let packed = miniz_oxide::deflate::compress_to_vec_zlib(&packed, 6);
-        let mut data = b"DT".to_vec();
-        data.extend([u8::from(is_transposed), 0, 16, 0, 0, 0]);
-        data.extend((part.len() as u64).to_le_bytes());
-        data.extend((packed.len() as u64).to_le_bytes());
-        data.extend(packed);
-        parts.push(mdf.block(b"##DZ", &[], &data));
+    // 6 is a part as it is.
+    for (part, kind) in all.chunks(500).zip([1, 0, 6, 3, 2, 5, 4].into_iter().cycle()) {
+        parts.push(if kind == 6 { mdf.block(b"##DT", &[], part) } else { mdf.packed(kind, 16, part) });
     }
     let list = mdf.block(b"##DL", &parts, &[0; 16]);
     let header = mdf.block(b"##HL", &[list], &[0; 8]);
@@ -329,6 +313,30 @@ fn what_a_cut_log_still_holds_is_read() {
     // The description of an MDF4 file is at its beginning here, and nothing can be read without it.
     let text = refusal(&write(dir.path(), "head.mf4", &bus_mdf(true)[..300]), &options);
     assert!(text.starts_with("head.mf4: not a whole MDF4 file: byte "), "{text}");
+}
+
+#[test]
+fn a_frame_that_a_cut_container_ends_in_is_not_completed_with_zeros() {
+    let dir = temporary();
+    let dbc = write(dir.path(), "car.dbc", DBC);
+    let options = mapped(&dbc, &["displacement=SUSP_FL.Position", "measured_force=RIG.Load"]);
+    // One container.
+    let content = blf(&frames(), 1 << 20);
+    let whole = loaded(&write(dir.path(), "whole.blf", &content), &options).run;
+    let mut most = 0;
+    for end in (2000..content.len()).step_by(7) {
+        let run = loaded(&write(dir.path(), "cut.blf", &content[..end]), &options).run;
+        for ((name, found), (_, all)) in channels(&run).iter().zip(channels(&whole)) {
+            assert!(
+                all.starts_with(found),
+                "{name}, cut at {end}: the last of {} is {:?}",
+                found.len(),
+                found.last()
+            );
+            most = most.max(found.len());
+        }
+    }
+    assert!(most > 150, "{most}");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Writers of logs for the tests: frames as candump, ASC and BLF, and MDF4 files block by block.
 
 use std::fmt::Write as _;
+use std::io::Write as _;
 
 /// A frame: time in ns, identifier with bit 31 for 29 bits, data.
 pub(super) type Frame = (i64, u32, Vec<u8>);
@@ -168,6 +169,34 @@ impl Mdf {
         links.iter().for_each(|link| self.bytes.extend(link.to_le_bytes()));
         self.bytes.extend(data);
         at
+    }
+
+    /// A packed block of data. `kind` is the number of the method in the file: deflate, zstd and LZ4, each without and with a transposition
+    /// of rows of `columns` bytes.
+    pub(super) fn packed(&mut self, kind: u8, columns: usize, part: &[u8]) -> u64 {
+        let rows = part.len() / columns;
+        let mut content = Vec::new();
+        if kind % 2 == 1 {
+            (0..columns).for_each(|column| content.extend((0..rows).map(|row| part[row * columns + column])));
+            content.extend(&part[rows * columns..]);
+        } else {
+            content.extend(part);
+        }
+        let packed = match kind / 2 {
+            0 => miniz_oxide::deflate::compress_to_vec_zlib(&content, 6),
+            1 => zstd::bulk::compress(&content, 3).expect("in memory"),
+            _ => {
+                let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+                encoder.write_all(&content).expect("in memory");
+                encoder.finish().expect("in memory")
+            }
+        };
+        let mut data = vec![b'D', b'T', kind, 0];
+        data.extend((columns as u32).to_le_bytes());
+        data.extend((part.len() as u64).to_le_bytes());
+        data.extend((packed.len() as u64).to_le_bytes());
+        data.extend(packed);
+        self.block(b"##DZ", &[], &data)
     }
 
     /// Sets a link of a block that is written already.
