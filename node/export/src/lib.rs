@@ -27,8 +27,8 @@
 //! puts there: the number of an effect (`@K@`), of the one inside (`@J@`), the field of a parameter.
 //!
 //! Not exported: modes and bumpless transfer between them, measured force and one-step prediction, plausibility checks over
-//! several channels, the correction of stamps that jitter, and bands. The inverse controller follows requested forces; its learned inverses,
-//! its other control laws and its feedback of measured force are not exported.
+//! several channels, the correction of stamps that jitter, and bands. The inverse controller follows requested forces; its other control
+//! laws and its feedback of measured force are not exported.
 
 pub mod a2l;
 mod error;
