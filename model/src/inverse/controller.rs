@@ -167,10 +167,10 @@ impl InverseController {
         self.inverse.as_ref()?.surrogate.as_ref().map(Surrogate::fit)
     }
 
-    /// The numbers of the controller; `None` without an inverse, and for a learned one.
+    /// The numbers of the controller; `None` without an inverse.
     #[must_use]
     pub fn parts(&self) -> Option<InverseParts> {
-        self.inverse.as_ref()?.parts(&self.limits)
+        self.inverse.as_ref().map(|inverse| inverse.parts(&self.limits))
     }
 
     /// Takes over the state of `old`: the driver keeps its current, and the model's state is kept if its effects are of the same kinds.

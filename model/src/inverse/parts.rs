@@ -2,8 +2,9 @@
 
 use super::limits::Limits;
 use crate::force::Tsk;
+use crate::inverse_model::InverseModel;
 
-/// The numbers of a controller that searches, or has a surrogate.
+/// The numbers of an inverse controller.
 ///
 /// ```
 /// use mr_damper_model::inverse::{InverseController, InverseMap, Limits, Method};
@@ -11,7 +12,7 @@ use crate::force::Tsk;
 ///
 /// let model = preset::load(preset::BEST_FUZZY_TANH)?;
 /// let controller = InverseController::with_method(&model, Limits::default(), Method::Polynomial)?;
-/// let parts = controller.parts().expect("it is a surrogate");
+/// let parts = controller.parts().expect("it has an inverse");
 /// assert!(matches!(parts.map, InverseMap::Polynomial { fastest_m_s, .. } if fastest_m_s > 0.0));
 /// # Ok::<(), mr_damper_model::Error>(())
 /// ```
@@ -53,4 +54,6 @@ pub enum InverseMap {
         /// Largest speed, to which the velocity is clamped, m/s.
         fastest_m_s: f64,
     },
+    /// A learned inverse of the model file. Where it gives no current, the search does.
+    Learned(InverseModel),
 }

@@ -78,15 +78,15 @@ impl Inverse {
         Ok(Self { model, reading, coil, preload, shape, solver, surrogate, learned })
     }
 
-    /// The numbers of the inverse; `None` for a learned one.
-    pub(super) fn parts(&self, limits: &Limits) -> Option<InverseParts> {
+    /// The numbers of the inverse.
+    pub(super) fn parts(&self, limits: &Limits) -> InverseParts {
         let map = match (&self.surrogate, &self.learned) {
             (Some(surrogate), _) => surrogate.map(),
+            (None, Some(learned)) => InverseMap::Learned(*learned),
             (None, None) => InverseMap::Search,
-            (None, Some(_)) => return None,
         };
         let Solver { folded, linear, .. } = self.solver;
-        Some(InverseParts { limits: *limits, most_n: self.shape.most_n, folded, linear, map })
+        InverseParts { limits: *limits, most_n: self.shape.most_n, folded, linear, map }
     }
 
     /// The current for `demand_n` at `moment`, the moment of `inputs`. `last` is the last current, and its force at this

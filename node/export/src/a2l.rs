@@ -102,15 +102,32 @@ struct Output {
     count: u64,
     unit: &'static str,
     about: &'static str,
-    /// True for a field that only an export with an inverse has.
-    of_inverse: bool,
+    /// The exports that have the field.
+    of: Exports,
+}
+
+/// Exports that have a field.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Exports {
+    All,
+    WithInverse,
+    WithLearnedInverse,
 }
 
 /// The fields of the output structure, in its order.
 fn outputs(source: &CSource) -> impl Iterator<Item = Output> {
-    let plain = |field, kind, unit, about| Output { field, kind, count: 1, unit, about, of_inverse: false };
-    let inverse =
-        |field, kind, count, unit, about| Output { field, kind, count, unit, about, of_inverse: true };
+    let plain = |field, kind, unit, about| Output { field, kind, count: 1, unit, about, of: Exports::All };
+    let inverse = |field, kind, count, unit, about| Output {
+        field,
+        kind,
+        count,
+        unit,
+        about,
+        of: Exports::WithInverse,
+    };
+    let about = "1 if the search gave the current, because the learned inverse gave none";
+    let is_substituted =
+        Output { of: Exports::WithLearnedInverse, ..inverse("is_substituted", Kind::Truth, 1, "", about) };
     let all = [
         plain("force_n", Kind::Number, "N", "force of the damper, positive in extension"),
         plain("reading_n", Kind::Number, "N", "expected reading of the load cell"),
@@ -148,9 +165,14 @@ fn outputs(source: &CSource) -> impl Iterator<Item = Output> {
             "",
             "1 if the demanded force takes energy out of the motion",
         ),
+        is_substituted,
     ];
-    let has_inverse = source.has_inverse;
-    all.into_iter().filter(move |own| has_inverse || !own.of_inverse)
+    let (has_inverse, is_learned) = (source.has_inverse, source.has_learned_inverse);
+    all.into_iter().filter(move |own| match own.of {
+        Exports::All => true,
+        Exports::WithInverse => has_inverse,
+        Exports::WithLearnedInverse => is_learned,
+    })
 }
 
 /// A field of the parameters' structure in memory.

@@ -40,12 +40,13 @@ pub fn driver(source: &CSource) -> String {
     let mut commands = String::new();
     if source.has_inverse {
         fields += "        in.force_request_n = (real)given[4];\n";
+        let substituted = if source.has_learned_inverse { " | (out.is_substituted ? 8U : 0U)" } else { "" };
         commands = format!(
             "        {{
             const double numbers[6] = {{ (double)out.current_a, (double)out.requested_n, (double)out.expected_n,
                 (double)out.achievable_n[0], (double)out.achievable_n[1], (double){name}_silent_current_a(&{name}_default_parameters, &state, time_ns + INT64_C({SILENCE_NS})) }};
             words[0] = out.limited_by;
-            words[1] = (out.is_commanded ? 1U : 0U) | (out.is_achievable ? 2U : 0U) | (out.is_dissipative ? 4U : 0U);
+            words[1] = (out.is_commanded ? 1U : 0U) | (out.is_achievable ? 2U : 0U) | (out.is_dissipative ? 4U : 0U){substituted};
             fwrite(words, sizeof words, 1, to);
             fwrite(numbers, sizeof numbers, 1, to);
         }}

@@ -34,8 +34,8 @@ fragments! { ALL in "c/":
     "spring_newton" "effect_sensor_delay_of_force" "effect_sensor_delay_of_displacement" "effect_deadzone"
     "effect_end_stop" "effect_load_cell_drift" "effect_position_dependence" "effect_velocity_saturation"
     "effect_anti_alias_mismatch"
-    "inverse_request" "inverse_coil" "inverse_moment" "inverse_still" "inverse_solution" "inverse_search" "inverse_polynomial" "inverse_fuzzy"
-    "inverse_surrogate" "inverse"
+    "inverse_request" "inverse_coil" "inverse_moment" "inverse_still" "inverse_solution" "inverse_ends" "inverse_search" "inverse_polynomial"
+    "inverse_rules" "inverse_fuzzy" "inverse_surrogate" "inverse_network" "inverse_learned_rules" "inverse_learned" "inverse"
 }
 
 /// A fragment, taken apart.
@@ -203,7 +203,7 @@ mod tests {
     #[test]
     fn each_fragment_needs_all_that_it_calls() {
         // Functions that the export writes for a model, or that a fragment leaves to another one.
-        const GLUE: [&str; 21] = [
+        const GLUE: [&str; 22] = [
             "law_parameters",
             "law",
             "weights",
@@ -225,6 +225,7 @@ mod tests {
             "command",
             "approach",
             "coil_tau_s",
+            "learned_",
         ];
         for (name, text, precision) in both() {
             let linked = link(&[name], precision).expect("linked");

@@ -3,8 +3,10 @@
 use crate::features::Features;
 use crate::parameter::CParameter;
 use mr_damper_model::effect::{Effect, EffectModel};
-use mr_damper_model::force::{ForceModel, Tsk, TskInput, TskSet};
-use mr_damper_model::inverse::{InverseMap, InverseParts};
+use mr_damper_model::force::{ForceModel, Normalisation, Tsk, TskInput, TskSet};
+use mr_damper_model::inverse::{
+    FuzzyAxis, InverseFuzzy, InverseMap, InverseModel, InverseNetwork, InverseParts,
+};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::Settings;
 
@@ -36,6 +38,8 @@ impl<'a> Inverse<'a> {
             InverseMap::Search => ["inverse_search"].as_slice(),
             InverseMap::Polynomial { .. } => &["inverse_polynomial", "inverse_surrogate"],
             InverseMap::Fuzzy { .. } => &["inverse_fuzzy", "inverse_surrogate"],
+            InverseMap::Learned(InverseModel::Network(_)) => &["inverse_network", "inverse_learned"],
+            InverseMap::Learned(InverseModel::Fuzzy(_)) => &["inverse_learned_rules", "inverse_learned"],
         });
         if coil.is_some() {
             fragments.push("inverse_coil");
@@ -46,12 +50,15 @@ impl<'a> Inverse<'a> {
 
     /// Sets the conditions of the fragments.
     pub(crate) fn set(&self, features: &mut Features, model: &Model) {
-        let searches = self.parts.map == InverseMap::Search;
+        let map = &self.parts.map;
         let bare = self.kept.is_empty() && model.effects.terms().is_empty();
         for (name, value) in [
             ("INVERSE_HAS_COIL", self.coil.is_some()),
             ("INVERSE_RISE_FALL", self.has_rise_and_fall(model)),
-            ("INVERSE_ADDS", !searches),
+            ("INVERSE_ADDS", matches!(map, InverseMap::Polynomial { .. } | InverseMap::Fuzzy { .. })),
+            ("INVERSE_CLIPS", !matches!(map, InverseMap::Search)),
+            ("INVERSE_LEARNED", self.is_learned()),
+            ("INVERSE_REMEMBERS", matches!(map, InverseMap::Learned(InverseModel::Network(_)))),
             ("INVERSE_BARE", bare),
             ("INVERSE_LINEAR", self.parts.linear),
             ("INVERSE_FOLDED", !self.parts.linear && self.parts.folded),
@@ -59,6 +66,25 @@ impl<'a> Inverse<'a> {
         ] {
             features.set(name, value);
         }
+    }
+
+    /// True for a learned inverse, which the search substitutes where it gives no current.
+    pub(crate) const fn is_learned(&self) -> bool {
+        matches!(self.parts.map, InverseMap::Learned(_))
+    }
+
+    /// Constants of the header, `MRD_` names without the prefix, and what they are.
+    pub(crate) fn sizes(&self) -> Vec<(&'static str, usize, &'static str)> {
+        let InverseMap::Learned(InverseModel::Network(network)) = &self.parts.map else {
+            return Vec::new();
+        };
+        let structure = network.structure();
+        vec![
+            ("INVERSE_LAGS", structure.input_lags(), "samples of displacement, velocity and demanded force"),
+            ("INVERSE_CURRENT_LAGS", structure.force_lags(), "past currents"),
+            ("INVERSE_INPUTS", structure.inputs(true), "inputs of the inverse network"),
+            ("INVERSE_HIDDEN", structure.hidden(), "hidden neurons of the inverse network"),
+        ]
     }
 
     /// True if the coil has a time constant for each side.
@@ -145,34 +171,104 @@ impl<'a> Inverse<'a> {
                 all.push(CParameter::array("inverse_displacement_range_m", "m", about, displacement_m));
                 all.extend(fuzzy(rules));
             }
+            InverseMap::Learned(InverseModel::Network(network)) => all.extend(learned_network(network)),
+            InverseMap::Learned(InverseModel::Fuzzy(rules)) => all.extend(learned_rules(rules)),
         }
         all
     }
 }
 
-/// The sets and conclusions of the rules.
+/// A signal of the inverse: its name, and its unit as the end of a name and as a symbol.
+type SignalName = (&'static str, &'static str, &'static str);
+
+const DISPLACEMENT: SignalName = ("displacement", "m", "m");
+const VELOCITY: SignalName = ("velocity", "m_s", "m/s");
+const ACCELERATION: SignalName = ("acceleration", "m_s2", "m/s2");
+const FORCE: SignalName = ("force", "n", "N");
+const CURRENT: SignalName = ("current", "a", "A");
+
+/// Mean and scale of a signal.
+fn scale((name, suffix, unit): SignalName, mean: f64, scale: f64) -> [CParameter; 2] {
+    let about = format!("inverse: normalisation of {name}");
+    let named = |what: &str| format!("inverse_{name}_{what}_{suffix}");
+    [
+        CParameter::scalar(named("mean"), unit, &about, mean),
+        CParameter::scalar(named("scale"), unit, &about, scale),
+    ]
+}
+
+/// Gaussian sets of a normalised signal: centre and width of each.
+fn sets((name, _, _): SignalName, sets: &[[f64; 2]]) -> CParameter {
+    let about = format!("inverse: fuzzy sets of the normalised {name}: centre, sigma");
+    CParameter::rows(format!("inverse_{name}_sets"), "", about, sets.len(), sets.as_flattened().to_vec())
+}
+
+/// The sets and conclusions of the fitted rules.
 fn fuzzy(rules: &Tsk) -> Vec<CParameter> {
     let mut all = Vec::new();
-    let signals = [("displacement", "m", "m"), ("velocity", "m_s", "m/s"), ("force", "n", "N")];
-    for (input, (name, suffix, unit)) in rules.inputs().iter().zip(signals) {
-        let named = |what: &str| format!("inverse_{name}_{what}");
-        let about = format!("inverse: normalisation of {name}");
-        all.push(CParameter::scalar(named(&format!("mean_{suffix}")), unit, &about, input.mean()));
-        all.push(CParameter::scalar(named(&format!("scale_{suffix}")), unit, &about, input.std_dev()));
-        let about = format!("inverse: fuzzy sets of the normalised {name}: centre, sigma");
-        all.push(CParameter::rows(named("sets"), "", about, input.len(), gaussians(input)));
+    for (input, signal) in rules.inputs().iter().zip([DISPLACEMENT, VELOCITY, FORCE]) {
+        all.extend(scale(signal, input.mean(), input.std_dev()));
+        all.push(sets(signal, &gaussians(input)));
     }
     let about = "inverse: of each rule, for displacement, velocity, force and one; the displacement's set varies slowest";
     all.push(CParameter::rows("inverse_conclusions", "", about, rules.rules(), rules.conclusions().to_vec()));
     all
 }
 
+/// The normalisation, sets and conclusions of learned rules.
+fn learned_rules(rules: &InverseFuzzy) -> Vec<CParameter> {
+    let mut all = Vec::new();
+    for (axis, signal) in rules.axes().iter().zip([VELOCITY, ACCELERATION, FORCE]) {
+        let FuzzyAxis { mean, std_dev, centres, sigmas } = *axis;
+        let gaussians: Vec<[f64; 2]> =
+            centres.iter().zip(sigmas).map(|(centre, sigma)| [*centre, sigma]).collect();
+        all.extend(scale(signal, mean, std_dev));
+        all.push(sets(signal, &gaussians));
+    }
+    let about =
+        "inverse: of each rule, for velocity, acceleration, force and one; the velocity's set varies slowest";
+    let conclusions = rules.conclusions();
+    let flat = conclusions.as_flattened().to_vec();
+    all.push(CParameter::rows("inverse_conclusions", "", about, conclusions.len(), flat));
+    let [mean_a, std_dev_a] = rules.current_scale_a();
+    all.extend(scale(CURRENT, mean_a, std_dev_a));
+    all
+}
+
+/// The normalisation, weights and sample period of a learned network.
+fn learned_network(network: &InverseNetwork) -> Vec<CParameter> {
+    let (structure, scaling, weights) = (network.structure(), network.scaling(), network.weights());
+    let (hidden, inputs) = (structure.hidden(), structure.inputs(true));
+    let (matrix, rest) = weights.split_at(hidden * inputs);
+    let (hidden_bias, rest) = rest.split_at(hidden);
+    let (output, output_bias) = rest.split_at(hidden);
+    let period_s = network.sample_period().get();
+    let about = "inverse: sample period of the training";
+    let mut all = vec![CParameter::scalar("inverse_sample_period_s", "s", about, period_s)];
+    for (signal, Normalisation { mean, deviation }) in [
+        (DISPLACEMENT, scaling.displacement_m),
+        (VELOCITY, scaling.velocity_m_s),
+        (FORCE, scaling.force_n),
+        (CURRENT, scaling.current_a),
+    ] {
+        all.extend(scale(signal, mean, deviation));
+    }
+    let about = "inverse: W, by input and hidden neuron";
+    all.extend([
+        CParameter::rows("inverse_hidden_weights", "", about, inputs, matrix.to_vec()),
+        CParameter::array("inverse_hidden_bias", "", "inverse: b", hidden_bias),
+        CParameter::array("inverse_output_weights", "", "inverse: c", output),
+        CParameter::scalar("inverse_output_bias", "", "inverse: c0", output_bias[0]),
+    ]);
+    all
+}
+
 /// Centre and width of each set.
-fn gaussians(input: &TskInput) -> Vec<f64> {
+fn gaussians(input: &TskInput) -> Vec<[f64; 2]> {
     let numbers = |set| match set {
         TskSet::Gaussian { centre, sigma } => [centre, sigma],
         // The rules of an inverse have no other sets.
         _ => [f64::NAN; 2],
     };
-    input.sets().flat_map(numbers).collect()
+    input.sets().map(numbers).collect()
 }

@@ -31,8 +31,8 @@
 //! fragments that know how a number is stored, or how large its rounding error is.
 //!
 //! Not exported: modes and bumpless transfer between them, measured force and one-step prediction, plausibility checks over
-//! several channels, the correction of stamps that jitter, and bands. The inverse controller follows requested forces; its learned inverses,
-//! its other control laws and its feedback of measured force are not exported.
+//! several channels, the correction of stamps that jitter, and bands. The inverse controller follows requested forces; its other control
+//! laws and its feedback of measured force are not exported.
 
 pub mod a2l;
 mod difference;

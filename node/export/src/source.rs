@@ -69,6 +69,8 @@ pub struct CSource {
     pub needs_temperature: bool,
     /// True if the step has a requested force among its inputs, and commands a current.
     pub has_inverse: bool,
+    /// True if the inverse is a learned one, so that the output says where the search gave the current.
+    pub has_learned_inverse: bool,
 }
 
 impl CSource {
@@ -148,6 +150,7 @@ impl<'a> CExport<'a> {
         }
         let inverse = self.inverse.as_ref().map(|parts| Inverse::of(model, parts));
         features.set("HAS_INVERSE", inverse.is_some());
+        features.set("INVERSE_LEARNED", false);
         if let Some(inverse) = &inverse {
             inverse.set(&mut features, model);
         }
@@ -200,6 +203,7 @@ impl<'a> CExport<'a> {
             needs_velocity: model.conditioning.velocity == VelocitySource::Measured,
             needs_temperature: model.effects.need(Need::CaseTemperature),
             has_inverse: self.inverse.is_some(),
+            has_learned_inverse: parts.inverse.as_ref().is_some_and(Inverse::is_learned),
         })
     }
 
@@ -356,7 +360,8 @@ impl<'a> CExport<'a> {
     fn header(&self, parts: &Parts<'_>) -> String {
         let Parts { force, levels, parameters, fragments, .. } = parts;
         let mut sizes = String::new();
-        for (name, value, about) in &force.sizes {
+        let of_inverse = parts.inverse.iter().flat_map(Inverse::sizes);
+        for (name, value, about) in force.sizes.iter().copied().chain(of_inverse) {
             let _ = writeln!(sizes, "#define MRD_{name} {value} /* {about} */");
         }
         let fields: String = parameters.iter().map(CParameter::declaration).collect();

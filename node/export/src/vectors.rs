@@ -55,7 +55,8 @@ pub struct Expected {
 
 /// `count` samples at a rate of 500 Hz to 2 kHz for `model`: sums of sines with amplitudes, frequencies and drives that change. Among them
 /// are lost samples, gaps, NaN, infinities, readings out of range, jumps of the rod, repeated stamps, and a clock that is set back. The
-/// same `seed` gives the same readings. Channels that the model does not take are NaN.
+/// same `seed` gives the same readings. Channels that the model does not take are NaN. If the model has a learned inverse that holds at one
+/// rate, the readings have that rate.
 #[must_use]
 pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
@@ -65,7 +66,8 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
     let mut all = Vec::with_capacity(count);
     let (mut time_ns, mut phase, mut place_m) = (1_000_000_000_i64, 0.0_f64, 0.0);
     // The service corrects stamps that jitter, and exported code does not, so the period stays the same.
-    let period_ns = [500_000_i64, 1_000_000, 1_953_125, 2_000_000][random.random_range(0..4)];
+    let drawn_ns = [500_000_i64, 1_000_000, 1_953_125, 2_000_000][random.random_range(0..4)];
+    let period_ns = learned_period_ns(model).unwrap_or(drawn_ns);
     // Samples since the last event, and since the last restart.
     let (mut calm, mut settled, mut due) = (0_u32, 0_u32, true);
     let (mut hertz, mut stroke_m, mut level, mut temp_c) = (2.0, 0.01, 1.0, 25.0);
@@ -130,6 +132,13 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
         all.push(Readings { time_ns, displacement_m, drive, velocity_m_s, case_temp_c, force_request_n });
     }
     all
+}
+
+/// The sample period of the model's learned inverse, ns; `None` without one, for rules, and beyond 50 Hz to 20 kHz.
+fn learned_period_ns(model: &Model) -> Option<i64> {
+    let period_s = model.inverse?.sample_period()?.get();
+    // A cast from float to integer saturates.
+    Some((period_s * 1e9).round() as i64).filter(|period_ns| (50_000..=20_000_000).contains(period_ns))
 }
 
 /// The command of the service's inverse controller at one sample.
@@ -306,24 +315,31 @@ pub fn csv(model: &Model, readings: &[Readings]) -> Result<String, Error> {
 }
 
 /// Test vectors of a model with an inverse controller as CSV: the readings with the requested force, the estimate without the expected
-/// reading, and the command. An empty cell is NaN; the cells of a command are empty if there is none.
+/// reading, and the command. An empty cell is NaN; the cells of a command are empty if there is none. For a learned inverse the last column
+/// is 1 where the search gave the current.
 ///
 /// # Errors
 /// See [`expected_commands`].
 pub fn csv_with_commands(model: &Model, settings: &Settings, readings: &[Readings]) -> Result<String, Error> {
     let drive = model.force.drive().map_or("drive", |kind| kind.name());
+    let is_learned = settings.method.learned().is_some();
+    let last = if is_learned { ",is_substituted" } else { "" };
     let mut text = format!(
         "time_ns,displacement_m,{drive},velocity_m_s,case_temp_c,force_request_n,accepted,force_n,flags,command_a,expected_n,\
-         least_n,most_n,limited_by\n"
+         least_n,most_n,limited_by{last}\n"
     );
     let cell = |value: f64| if value.is_nan() { String::new() } else { format!("{value:?}") };
     for (r, (e, c)) in readings.iter().zip(expected_commands(model, settings, readings)?) {
         let inputs = [r.displacement_m, r.drive, r.velocity_m_s, r.case_temp_c, r.force_request_n].map(cell);
-        let command = c.command.map_or(",,,,".to_owned(), |command| {
+        let mut command = c.command.map_or(",,,,".to_owned(), |command| {
             let [least_n, most_n] = command.achievable.map(|force| cell(force.get()));
             let (current_a, expected_n) = (cell(command.current.get()), cell(command.expected.get()));
             format!("{current_a},{expected_n},{least_n},{most_n},{}", command.limited_by as u8)
         });
+        if is_learned {
+            command.push(',');
+            command.push_str(c.command.map_or("", |own| if own.substituted { "1" } else { "0" }));
+        }
         let _ = writeln!(
             text,
             "{},{},{},{},{},{command}",

@@ -151,6 +151,9 @@ typedef struct {
     bool is_commanded;     /* false before the first request, and if the displacement was refused: current_a is the one before */
     bool is_achievable;    /* the demanded force is dissipative, and within the achievable range */
     bool is_dissipative;   /* the demanded force takes energy out of the motion */
+#if MRD_INVERSE_LEARNED
+    bool is_substituted;   /* the search gave the current, because the learned inverse gave none */
+#endif
 #endif
 } mrd_output;
 

@@ -10,6 +10,9 @@ typedef struct {
     double safe_rate_a_s;
     double last_a, target_a; /* last command, and last target for the fluid */
     double fluid_a;          /* that acts on the fluid */
+#if MRD_INVERSE_REMEMBERS
+    mrd_learned learned; /* past samples of the learned inverse: only consecutive ones with a demanded force */
+#endif
     mrd_inverse_chain chain;
 } mrd_inverse;
 /* @source */
@@ -66,6 +69,9 @@ static void mrd_go_safe(const mrd_parameters *p, mrd_inverse *s, double dt_s) {
     most_a = mrd_most_change_a(s->safe_rate_a_s, dt_s);
     s->last_a = mrd_clamp(s->last_a + mrd_clamp(way_a, -most_a, most_a), 0.0, p->inverse_current_max_a);
     s->target_a = s->last_a;
+#if MRD_INVERSE_REMEMBERS
+    s->learned = (mrd_learned){ 0 };
+#endif
 }
 
 /* A command without forces. */
@@ -78,6 +84,9 @@ static void mrd_without_forces(const mrd_inverse *s, double demand_n, mrd_output
     out->is_achievable = false;
     out->is_dissipative = false;
     out->limited_by = MRD_LIMITED_BY_SAFE;
+#if MRD_INVERSE_LEARNED
+    out->is_substituted = false;
+#endif
 }
 
 /* The current for a force. */
@@ -91,13 +100,20 @@ static void mrd_track(const mrd_parameters *p, mrd_inverse *s, const mrd_model_i
     last.current_a = s->fluid_a;
     last.force_n = modelled_n;
     /* The sums with zero are those of the service with a bias that has not been learnt: they make a negative zero positive. */
+#if MRD_INVERSE_REMEMBERS
+    if (!mrd_solve(p, moment, in, demand_n + 0.0, last, &s->learned, &solved)) {
+#else
     if (!mrd_solve(p, moment, in, demand_n + 0.0, last, &solved)) {
+#endif
         mrd_go_safe(p, s, dt_s);
         mrd_without_forces(s, demand_n, out);
         return;
     }
     s->goes_safe = false;
     out->requested_n = demand_n;
+#if MRD_INVERSE_LEARNED
+    out->is_substituted = solved.is_substituted;
+#endif
     out->is_dissipative = (demand_n - (p->force_offset_n + (@STIFFNESS@) * x_m)) * v_m_s >= 0.0;
     out->achievable_n[0] = solved.achievable_n[0] + 0.0;
     out->achievable_n[1] = solved.achievable_n[1] + 0.0;
@@ -119,7 +135,12 @@ static void mrd_track(const mrd_parameters *p, mrd_inverse *s, const mrd_model_i
     }
     led_a = s->target_a;
 #if MRD_INVERSE_HAS_COIL
+#if MRD_INVERSE_LEARNED
+    /* A learned inverse gives the driver's current; the search gives the current in the fluid. */
+    if (solved.is_substituted && !mrd_is_nan(dt_s)) {
+#else
     if (!mrd_is_nan(dt_s)) {
+#endif
         /* A lead slower than the coil would only delay it. */
         const double way_a = s->target_a - s->fluid_a, tau_s = mrd_coil_tau_s(p, s->fluid_a, s->target_a);
         led_a = s->fluid_a + way_a * mrd_approach(dt_s, mrd_min(p->inverse_lead_s, tau_s)) / mrd_approach(dt_s, tau_s);
@@ -139,6 +160,9 @@ static void mrd_track(const mrd_parameters *p, mrd_inverse *s, const mrd_model_i
     out->expected_n = expected_n + 0.0;
     s->last_a = cut_a;
     out->current_a = cut_a;
+#if MRD_INVERSE_REMEMBERS
+    mrd_learned_feed(&s->learned, cut_a);
+#endif
 }
 
 /* The command at a displacement. `drive_counts`: the measured current is neither old nor odd. */

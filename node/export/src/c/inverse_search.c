@@ -1,6 +1,6 @@
 /* The current for a force: a bracketed search on the model (regula falsi with the Illinois modification, Dowell and Jarratt 1971), or its
    closed form if the force is linear in the current. At most 30 steps in a bracket.
-   @needs inverse_solution clamp
+   @needs inverse_ends clamp
    @source */
 #if MRD_INVERSE_LINEAR
 #else
@@ -63,49 +63,26 @@ static bool mrd_bracketed(const mrd_moment *m, double demand_n, mrd_end from, mr
 }
 #endif
 
-static bool mrd_solve(const mrd_parameters *p, const mrd_moment *m, const mrd_model_inputs *in, double demand_n, mrd_end last,
-                      mrd_solution *found) {
-    mrd_end low, high;
+/* The current within `ends`. Their range is in `found`; the search extends it where the force turns back. */
+static bool mrd_search(const mrd_moment *m, const mrd_ends *ends, double demand_n, mrd_end last, mrd_solution *found) {
 #if MRD_INVERSE_LINEAR
-    double way_n, share;
-    (void)last;
-#endif
-#if MRD_INVERSE_BRACKET
-    mrd_end from, to;
-    double near_n;
-#endif
-#if MRD_INVERSE_FOLDED
-    mrd_end before;
-    bool has_best = false;
-    int part;
-#endif
-    (void)in;
-    low.current_a = 0.0;
-    low.force_n = mrd_moment_force(m, 0.0);
-    high.current_a = p->inverse_current_max_a;
-    high.force_n = mrd_moment_force(m, high.current_a);
-    if (mrd_is_nan(low.force_n) || mrd_is_nan(high.force_n)) {
-        return false;
-    }
-    found->achievable_n[0] = mrd_min(low.force_n, high.force_n);
-    found->achievable_n[1] = mrd_max(low.force_n, high.force_n);
-#if MRD_INVERSE_LINEAR
-    way_n = high.force_n - low.force_n;
+    const double way_n = ends->high.force_n - ends->low.force_n;
     /* If the current has no effect, zero current is as good as any. */
-    share = (way_n >= 0.0 && way_n <= 0.0) ? 0.0 : mrd_clamp((demand_n - low.force_n) / way_n, 0.0, 1.0);
-    found->at.current_a = share * high.current_a;
-    found->at.force_n = low.force_n + share * way_n;
+    const double share = (way_n >= 0.0 && way_n <= 0.0) ? 0.0 : mrd_clamp((demand_n - ends->low.force_n) / way_n, 0.0, 1.0);
+    (void)m;
+    (void)last;
+    found->at.current_a = share * ends->high.current_a;
+    found->at.force_n = ends->low.force_n + share * way_n;
     return true;
 #endif
 #if MRD_INVERSE_BRACKET
-    near_n = 1e-4 * (found->achievable_n[1] - found->achievable_n[0]);
-    from = low;
-    to = high;
+    const double near_n = 1e-4 * (found->achievable_n[1] - found->achievable_n[0]);
+    mrd_end from = ends->low, to = ends->high;
     /* The last current is usually near, and its force is known. */
-    if (last.current_a > 0.0 && last.current_a < high.current_a) {
-        if ((demand_n - low.force_n) * (demand_n - last.force_n) <= 0.0) {
+    if (last.current_a > 0.0 && last.current_a < ends->high.current_a) {
+        if ((demand_n - ends->low.force_n) * (demand_n - last.force_n) <= 0.0) {
             to = last;
-        } else if ((demand_n - last.force_n) * (demand_n - high.force_n) <= 0.0) {
+        } else if ((demand_n - last.force_n) * (demand_n - ends->high.force_n) <= 0.0) {
             from = last;
         }
     }
@@ -113,12 +90,14 @@ static bool mrd_solve(const mrd_parameters *p, const mrd_moment *m, const mrd_mo
 #endif
 #if MRD_INVERSE_FOLDED
     /* The force is not monotonic in the current: eight parts. */
-    before = low;
+    mrd_end before = ends->low;
+    bool has_best = false;
+    int part;
     for (part = 1; part <= 8; part++) {
-        mrd_end here = high, own;
+        mrd_end here = ends->high, own;
         double near_n, miss_n, best_n;
         if (part < 8) {
-            here.current_a = ((double)part / 8.0) * high.current_a;
+            here.current_a = ((double)part / 8.0) * ends->high.current_a;
             here.force_n = mrd_moment_force(m, here.current_a);
             if (mrd_is_nan(here.force_n)) {
                 return false;
@@ -144,3 +123,13 @@ static bool mrd_solve(const mrd_parameters *p, const mrd_moment *m, const mrd_mo
     return has_best;
 #endif
 }
+#if MRD_INVERSE_LEARNED
+#else
+
+static bool mrd_solve(const mrd_parameters *p, const mrd_moment *m, const mrd_model_inputs *in, double demand_n, mrd_end last,
+                      mrd_solution *found) {
+    mrd_ends ends;
+    (void)in;
+    return mrd_take_ends(p, m, &ends, found) && mrd_search(m, &ends, demand_n, last, found);
+}
+#endif

@@ -8,4 +8,7 @@ typedef struct {
 typedef struct {
     mrd_end at;
     double achievable_n[2];
+#if MRD_INVERSE_LEARNED
+    bool is_substituted; /* the search gave the current, because the learned inverse gave none */
+#endif
 } mrd_solution;

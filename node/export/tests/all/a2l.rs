@@ -2,6 +2,7 @@
 
 use crate::cases::{effects, fuzzy_tanh, learned, with};
 use crate::compile::is_here;
+use crate::inverse::with_learned;
 use mr_damper_export::{CExport, CSource, Precision, a2l};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::inverse::{InverseController, Limits, Method};
@@ -107,11 +108,11 @@ fn sources() -> Vec<CSource> {
         .map(|(_, model)| CExport::new("damper", &model).source().expect("it is exported"))
         .collect();
     let model = with(fuzzy_tanh(), &[Effect::CoilLag.example(), Effect::SeriesSpring.example()]);
-    for method in [Method::Search, Method::Fuzzy] {
-        let base = if method == Method::Search { model } else { fuzzy_tanh() };
+    for method in [Method::Search, Method::Fuzzy, Method::Chen, Method::WangHu] {
+        let base = if method == Method::Fuzzy { fuzzy_tanh() } else { with_learned(model, method, 1e-3) };
         let controller =
             InverseController::with_method(&base, Limits::default(), method).expect("an inverse");
-        let parts = controller.parts().expect("not learned");
+        let parts = controller.parts().expect("it has an inverse");
         for precision in [Precision::Double, Precision::Single] {
             let export = CExport::new("damper", &base).inverse(&parts).precision(precision);
             all.push(export.source().expect("it is exported"));

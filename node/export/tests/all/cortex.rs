@@ -3,7 +3,7 @@
 use crate::back_to_back::assert_same;
 use crate::cases::{effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::{WARNINGS, bytes, is_here, parse, run_bytes, write};
-use crate::inverse::{Prepared, TIGHT};
+use crate::inverse::{Prepared, TIGHT, with_learned};
 use mr_damper_export::vectors::{Readings, expected, readings};
 use mr_damper_export::{CExport, CSource, Precision};
 use mr_damper_model::effect::Effect;
@@ -95,14 +95,16 @@ fn cortex_m_has_the_services_bits() {
 fn cortex_m_has_the_services_commands() {
     assert!(is_here("arm-none-eabi-gcc") && is_here("qemu-system-arm"), "install them");
     let lag = with(fuzzy_tanh(), &[Effect::CoilLag.example(), Effect::GasSpring.example()]);
-    for method in [Method::Search, Method::Polynomial, Method::Fuzzy] {
-        let own = Prepared::of(&lag, method, TIGHT, 1000, 77).expect("an inverse");
+    for method in Method::ALL {
+        let model = with_learned(lag, method, 1e-3);
+        let own = Prepared::of(&model, method, TIGHT, 1000, 77).expect("an inverse");
         let dir = tempfile::tempdir().expect("a directory");
         write(dir.path(), &own.source);
         for processor in PROCESSORS {
             let what = format!("{}, {}", method.name(), processor.0);
             let seen = own.compare(&what, &run(dir.path(), &own.source, processor, &own.all));
-            assert!(seen[0] > 300, "{what}: {seen:?}");
+            assert!(seen.forces > 300, "{what}: {seen:?}");
+            assert!(method.learned().is_none() || seen.learned > 30, "{what}: {seen:?}");
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::cases::{conditionings, effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::is_here;
+use crate::inverse::with_learned;
 use mr_damper_export::fmu::{FmiVersion, Fmu};
 use mr_damper_export::{CExport, Precision};
 use mr_damper_model::effect::Effect;
@@ -45,10 +46,12 @@ fn cppcheck_finds_nothing_that_is_not_justified() {
         }
     }
     let lag = with(fuzzy_tanh(), &[Effect::CoilLag.example(), Effect::GasSpring.example()]);
-    for method in [Method::Search, Method::Polynomial, Method::Fuzzy] {
-        let controller = InverseController::with_method(&lag, Limits::default(), method).expect("an inverse");
-        let parts = controller.parts().expect("not learned");
-        let source = CExport::new("damper", &lag).inverse(&parts).source().expect("it is exported");
+    for method in Method::ALL {
+        let model = with_learned(lag, method, 1e-3);
+        let controller =
+            InverseController::with_method(&model, Limits::default(), method).expect("an inverse");
+        let parts = controller.parts().expect("it has an inverse");
+        let source = CExport::new("damper", &model).inverse(&parts).source().expect("it is exported");
         let dir = tempfile::tempdir().expect("a directory");
         std::fs::write(dir.path().join("damper.h"), &source.header).expect("written");
         std::fs::write(dir.path().join("damper.c"), &source.source).expect("written");

@@ -62,7 +62,7 @@ struct Command {
 fn commands(readings: &[Readings]) -> Vec<Command> {
     let model = with(fuzzy_tanh(), &[Effect::CoilLag.example()]);
     let controller = InverseController::with_method(&model, LIMITS, Method::Search).expect("an inverse");
-    let parts = controller.parts().expect("not learned");
+    let parts = controller.parts().expect("it has an inverse");
     let source = CExport::new("damper", &model).inverse(&parts).source().expect("it is exported");
     let dir = tempfile::tempdir().expect("a directory");
     write(dir.path(), &source);

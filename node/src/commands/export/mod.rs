@@ -50,9 +50,11 @@ pub struct Args {
     /// Write the code in single precision. Only in the files of --c; --vectors has the node's results, in double precision.
     #[arg(long, requires = "c", conflicts_with = "fmu")]
     float: bool,
-    /// Also write the inverse controller, which commands a coil current for a requested force: search (on the model), or
-    /// polynomial or fuzzy (functions fitted to the model). Only in the files of --c.
-    #[arg(long, value_name = "METHOD", requires = "c", value_parser = ["search", "polynomial", "fuzzy"])]
+    /// Also write the inverse controller, which commands a coil current for a requested force. The current comes from a
+    /// search on the model, from a function fitted to the model (polynomial, fuzzy), or from a learned inverse, which
+    /// identify --inverse puts into the model file (chen, wang-liao, wang-hu). Only in the files of --c.
+    #[arg(long, value_name = "METHOD", requires = "c",
+          value_parser = ["search", "polynomial", "fuzzy", "chen", "wang-liao", "wang-hu"])]
     inverse: Option<String>,
     /// Largest current of the inverse, A.
     #[arg(long, value_name = "A", default_value_t = Limits::default().current_max_a, requires = "inverse")]
