@@ -1,6 +1,8 @@
-/* @NAME@_fmu.c: variables, state, and one step. */
+/* @NAME@_fmu.c: variables, states, the order of calls, messages, and one step. */
 #include "@NAME@_fmu.h"
 
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* No fused multiplication and addition, as in @NAME@.c. */
@@ -29,6 +31,36 @@ static bool mrd_fmu_is_finite(double value) {
     return value - value == 0.0;
 }
 
+void mrd_fmu_fail(const mrd_fmu_logger *to, const char *function, const char *what) {
+    if (to->is_on && to->send != NULL) {
+        char message[512];
+        (void)snprintf(message, sizeof message, "%s: %s.", function, what);
+        to->send(to->importer, message);
+    }
+}
+
+void mrd_fmu_fail_at(const mrd_fmu_logger *to, const char *function, uint32_t reference, const char *what) {
+    char message[256];
+    (void)snprintf(message, sizeof message, "value reference %lu: %s", (unsigned long)reference, what);
+    mrd_fmu_fail(to, function, message);
+}
+
+bool mrd_fmu_has_done(const mrd_fmu_logger *to, const char *function, const char *fault) {
+    if (fault != NULL) {
+        mrd_fmu_fail(to, function, fault);
+    }
+    return fault == NULL;
+}
+
+void mrd_fmu_set_logging(mrd_fmu_logger *of, bool is_on, const char *const categories[], size_t count) {
+    size_t k;
+    bool is_ours = count == 0U;
+    for (k = 0U; k < count; k++) {
+        is_ours = is_ours || strcmp(categories[k], "logStatusError") == 0 || strcmp(categories[k], "logAll") == 0;
+    }
+    of->is_on = is_on && is_ours;
+}
+
 void mrd_fmu_reset(mrd_fmu *fmu) {
     memset(fmu, 0, sizeof *fmu);
     fmu->mode = MRD_FMU_INSTANTIATED;
@@ -41,11 +73,8 @@ void mrd_fmu_reset(mrd_fmu *fmu) {
     mrd_reset(&fmu->damper);
 }
 
-bool mrd_fmu_is_valid(const mrd_fmu *fmu) {
-    return fmu->accepted && mrd_fmu_is_finite(fmu->output.force_n);
-}
-
-double *mrd_fmu_numbers(mrd_fmu *fmu, uint32_t reference, size_t *count) {
+/* The numbers of a floating-point variable, and how many; NULL if there is none with this reference. */
+static double *mrd_fmu_numbers(mrd_fmu *fmu, uint32_t reference, size_t *count) {
     const size_t parameters = sizeof mrd_fmu_places / sizeof mrd_fmu_places[0];
     *count = 1U;
     if (reference >= MRD_FMU_FIRST_PARAMETER) {
@@ -72,22 +101,85 @@ double *mrd_fmu_numbers(mrd_fmu *fmu, uint32_t reference, size_t *count) {
     }
 }
 
-const char *mrd_fmu_set(mrd_fmu *fmu, uint32_t reference, size_t element, double value) {
-    size_t count;
+/* Sets the numbers of an input or a parameter. Returns NULL, or what is wrong; then the values before stay. */
+static const char *mrd_fmu_set(mrd_fmu *fmu, uint32_t reference, const double values[]) {
+    size_t k, count;
     const bool is_parameter = reference >= MRD_FMU_FIRST_PARAMETER;
     const bool is_input = reference >= MRD_FMU_DISPLACEMENT && reference <= MRD_FMU_TEMPERATURE;
     double *numbers = mrd_fmu_numbers(fmu, reference, &count);
-    if (numbers == NULL || element >= count || !(is_parameter || is_input)) {
+    if (numbers == NULL || !(is_parameter || is_input)) {
         return "there is no input and no parameter with this value reference";
     }
     if (fmu->mode == MRD_FMU_TERMINATED) {
         return "a variable cannot be set after the simulation has been terminated";
     }
-    if (is_parameter && !mrd_fmu_is_finite(value)) {
-        return "a parameter must be a finite number; the value before stays";
+    for (k = 0U; k < count; k++) {
+        if (is_parameter && !mrd_fmu_is_finite(values[k])) {
+            return "a parameter must be a finite number; the value before stays";
+        }
     }
-    numbers[element] = value;
+    memcpy(numbers, values, count * sizeof *numbers);
     return NULL;
+}
+
+#define MRD_FMU_NO_NUMBER "there is no such variable with floating-point numbers"
+#define MRD_FMU_NO_COUNT "there are fewer values than the variables have elements, or more"
+
+bool mrd_fmu_get_numbers(mrd_fmu_instance *of, const char *function, const uint32_t references[], size_t variables, double values[],
+                         size_t count) {
+    size_t k, elements, at = 0U;
+    for (k = 0U; k < variables; k++) {
+        const double *numbers = mrd_fmu_numbers(&of->fmu, references[k], &elements);
+        if (numbers == NULL || elements > count - at) {
+            mrd_fmu_fail_at(&of->logger, function, references[k], numbers == NULL ? MRD_FMU_NO_NUMBER : MRD_FMU_NO_COUNT);
+            return false;
+        }
+        memcpy(values + at, numbers, elements * sizeof *values);
+        at += elements;
+    }
+    return mrd_fmu_has_done(&of->logger, function, at == count ? NULL : MRD_FMU_NO_COUNT);
+}
+
+bool mrd_fmu_set_numbers(mrd_fmu_instance *of, const char *function, const uint32_t references[], size_t variables,
+                         const double values[], size_t count) {
+    size_t k, elements, at = 0U;
+    for (k = 0U; k < variables; k++) {
+        const char *fault = MRD_FMU_NO_NUMBER;
+        if (mrd_fmu_numbers(&of->fmu, references[k], &elements) != NULL) {
+            fault = elements > count - at ? MRD_FMU_NO_COUNT : mrd_fmu_set(&of->fmu, references[k], values + at);
+        }
+        if (fault != NULL) {
+            mrd_fmu_fail_at(&of->logger, function, references[k], fault);
+            return false;
+        }
+        at += elements;
+    }
+    return mrd_fmu_has_done(&of->logger, function, at == count ? NULL : MRD_FMU_NO_COUNT);
+}
+
+bool mrd_fmu_get_word(const mrd_fmu_instance *of, const char *function, uint32_t reference, uint32_t *value) {
+    switch (reference) {
+    case MRD_FMU_FLAGS:
+        *value = of->fmu.output.flags;
+        return true;
+    default:
+        mrd_fmu_fail_at(&of->logger, function, reference, "there is no such variable with integers");
+        return false;
+    }
+}
+
+bool mrd_fmu_get_truth(const mrd_fmu_instance *of, const char *function, uint32_t reference, bool *value) {
+    switch (reference) {
+    case MRD_FMU_VALID:
+        *value = of->fmu.accepted && mrd_fmu_is_finite(of->fmu.output.force_n);
+        return true;
+    case MRD_FMU_ACCEPTED:
+        *value = of->fmu.accepted;
+        return true;
+    default:
+        mrd_fmu_fail_at(&of->logger, function, reference, "there is no such variable of type Boolean");
+        return false;
+    }
 }
 
 const char *mrd_fmu_enter_initialization(mrd_fmu *fmu, double start_s) {
@@ -153,19 +245,60 @@ const char *mrd_fmu_step(mrd_fmu *fmu, double time_s, double step_s) {
     return NULL;
 }
 
+bool mrd_fmu_get_state(const mrd_fmu_instance *of, const char *function, void **state) {
+    if (*state == NULL) {
+        *state = malloc(sizeof of->fmu);
+    }
+    if (*state == NULL) {
+        mrd_fmu_fail(&of->logger, function, "there is no memory");
+        return false;
+    }
+    memcpy(*state, &of->fmu, sizeof of->fmu);
+    return true;
+}
+
+bool mrd_fmu_set_state(mrd_fmu_instance *of, const char *function, const void *state) {
+    if (state == NULL) {
+        mrd_fmu_fail(&of->logger, function, "there is no state");
+        return false;
+    }
+    memcpy(&of->fmu, state, sizeof of->fmu);
+    return true;
+}
+
+void mrd_fmu_free_state(void **state) {
+    if (state != NULL) {
+        free(*state);
+        *state = NULL;
+    }
+}
+
 size_t mrd_fmu_stored_size(void) {
     return sizeof MRD_FMU_TOKEN + sizeof(mrd_fmu);
 }
 
-void mrd_fmu_store(const mrd_fmu *fmu, unsigned char *bytes) {
+bool mrd_fmu_store(const mrd_fmu_instance *of, const char *function, const void *state, void *bytes, size_t size) {
+    if (state == NULL || size < mrd_fmu_stored_size()) {
+        mrd_fmu_fail(&of->logger, function, "there is no state, or the buffer is too short for it");
+        return false;
+    }
     memcpy(bytes, MRD_FMU_TOKEN, sizeof MRD_FMU_TOKEN);
-    memcpy(bytes + sizeof MRD_FMU_TOKEN, fmu, sizeof *fmu);
+    memcpy((unsigned char *)bytes + sizeof MRD_FMU_TOKEN, state, sizeof(mrd_fmu));
+    return true;
 }
 
-const char *mrd_fmu_restore(mrd_fmu *fmu, const unsigned char *bytes, size_t size) {
+bool mrd_fmu_restore(const mrd_fmu_instance *of, const char *function, const void *bytes, size_t size, void **state) {
     if (size != mrd_fmu_stored_size() || memcmp(bytes, MRD_FMU_TOKEN, sizeof MRD_FMU_TOKEN) != 0) {
-        return "the stored state is not one of this FMU";
+        mrd_fmu_fail(&of->logger, function, "the stored state is not one of this FMU");
+        return false;
     }
-    memcpy(fmu, bytes + sizeof MRD_FMU_TOKEN, sizeof *fmu);
-    return NULL;
+    if (*state == NULL) {
+        *state = malloc(sizeof(mrd_fmu));
+    }
+    if (*state == NULL) {
+        mrd_fmu_fail(&of->logger, function, "there is no memory");
+        return false;
+    }
+    memcpy(*state, (const unsigned char *)bytes + sizeof MRD_FMU_TOKEN, sizeof(mrd_fmu));
+    return true;
 }
