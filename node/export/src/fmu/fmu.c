@@ -12,8 +12,11 @@
 #pragma GCC optimize("fp-contract=off")
 #endif
 
-/* First number and count of each parameter. */
-static const uint32_t mrd_fmu_places[][2] = {
+/* Each parameter: its first number, its count, and the least and largest value that it may have. */
+static const struct {
+    uint32_t first, count;
+    double least, most;
+} mrd_fmu_places[] = {
 @PLACES@};
 
 /* The compiler refuses a negative size: every field of mrd_parameters is a double, without padding. */
@@ -61,6 +64,13 @@ void mrd_fmu_set_logging(mrd_fmu_logger *of, bool is_on, const char *const categ
     of->is_on = is_on && is_ours;
 }
 
+#if MRD_HAS_INVERSE
+/* The current without a new command. */
+static void mrd_fmu_hold_current(mrd_fmu *fmu, int64_t time_ns) {
+    fmu->output.current_a = mrd_silent_current_a(&fmu->parameters.named, &fmu->damper, time_ns);
+}
+
+#endif
 void mrd_fmu_reset(mrd_fmu *fmu) {
     memset(fmu, 0, sizeof *fmu);
     fmu->mode = MRD_FMU_INSTANTIATED;
@@ -71,6 +81,14 @@ void mrd_fmu_reset(mrd_fmu *fmu) {
     fmu->output.velocity_m_s = mrd_fmu_nan();
     fmu->output.flags = MRD_SETTLING;
     mrd_reset(&fmu->damper);
+#if MRD_HAS_INVERSE
+    fmu->output.requested_n = mrd_fmu_nan();
+    fmu->output.expected_n = mrd_fmu_nan();
+    fmu->output.achievable_n[0] = mrd_fmu_nan();
+    fmu->output.achievable_n[1] = mrd_fmu_nan();
+    fmu->output.limited_by = MRD_LIMITED_BY_SAFE;
+    mrd_fmu_hold_current(fmu, 0);
+#endif
 }
 
 /* The numbers of a floating-point variable, and how many; NULL if there is none with this reference. */
@@ -82,8 +100,8 @@ static double *mrd_fmu_numbers(mrd_fmu *fmu, uint32_t reference, size_t *count) 
         if (index >= parameters) {
             return NULL;
         }
-        *count = mrd_fmu_places[index][1];
-        return &fmu->parameters.numbers[mrd_fmu_places[index][0]];
+        *count = mrd_fmu_places[index].count;
+        return &fmu->parameters.numbers[mrd_fmu_places[index].first];
     }
     switch (reference) {
     case MRD_FMU_TIME:
@@ -96,6 +114,24 @@ static double *mrd_fmu_numbers(mrd_fmu *fmu, uint32_t reference, size_t *count) 
         return &fmu->output.displacement_m;
     case MRD_FMU_USED_VELOCITY:
         return &fmu->output.velocity_m_s;
+#if MRD_HAS_INVERSE
+    case MRD_FMU_CURRENT:
+        return &fmu->output.current_a;
+    case MRD_FMU_REQUESTED:
+        return &fmu->output.requested_n;
+    case MRD_FMU_EXPECTED:
+        return &fmu->output.expected_n;
+#if MRD_HAS_ARRAYS
+    case MRD_FMU_ACHIEVABLE:
+        *count = 2U;
+        return fmu->output.achievable_n;
+#else
+    case MRD_FMU_LEAST:
+        return &fmu->output.achievable_n[0];
+    case MRD_FMU_MOST:
+        return &fmu->output.achievable_n[1];
+#endif
+#endif
     default:
         return NULL;
     }
@@ -105,7 +141,7 @@ static double *mrd_fmu_numbers(mrd_fmu *fmu, uint32_t reference, size_t *count) 
 static const char *mrd_fmu_set(mrd_fmu *fmu, uint32_t reference, const double values[]) {
     size_t k, count;
     const bool is_parameter = reference >= MRD_FMU_FIRST_PARAMETER;
-    const bool is_input = reference >= MRD_FMU_DISPLACEMENT && reference <= MRD_FMU_TEMPERATURE;
+    const bool is_input = reference >= MRD_FMU_DISPLACEMENT && reference < MRD_FMU_FORCE;
     double *numbers = mrd_fmu_numbers(fmu, reference, &count);
     if (numbers == NULL || !(is_parameter || is_input)) {
         return "there is no input and no parameter with this value reference";
@@ -113,12 +149,19 @@ static const char *mrd_fmu_set(mrd_fmu *fmu, uint32_t reference, const double va
     if (fmu->mode == MRD_FMU_TERMINATED) {
         return "a variable cannot be set after the simulation has been terminated";
     }
-    for (k = 0U; k < count; k++) {
-        if (is_parameter && !mrd_fmu_is_finite(values[k])) {
-            return "a parameter must be a finite number; the value before stays";
+    for (k = 0U; is_parameter && k < count; k++) {
+        const uint32_t index = reference - MRD_FMU_FIRST_PARAMETER;
+        /* False for NaN. */
+        if (!(values[k] >= mrd_fmu_places[index].least && values[k] <= mrd_fmu_places[index].most)) {
+            return "a parameter must be a finite number from its min to its max; the value before stays";
         }
     }
     memcpy(numbers, values, count * sizeof *numbers);
+#if MRD_HAS_INVERSE
+    if (!fmu->has_stepped) {
+        mrd_fmu_hold_current(fmu, 0);
+    }
+#endif
     return NULL;
 }
 
@@ -162,6 +205,11 @@ bool mrd_fmu_get_word(const mrd_fmu_instance *of, const char *function, uint32_t
     case MRD_FMU_FLAGS:
         *value = of->fmu.output.flags;
         return true;
+#if MRD_HAS_INVERSE
+    case MRD_FMU_LIMITED_BY:
+        *value = of->fmu.output.limited_by;
+        return true;
+#endif
     default:
         mrd_fmu_fail_at(&of->logger, function, reference, "there is no such variable with integers");
         return false;
@@ -176,6 +224,17 @@ bool mrd_fmu_get_truth(const mrd_fmu_instance *of, const char *function, uint32_
     case MRD_FMU_ACCEPTED:
         *value = of->fmu.accepted;
         return true;
+#if MRD_HAS_INVERSE
+    case MRD_FMU_IS_COMMANDED:
+        *value = of->fmu.output.is_commanded;
+        return true;
+    case MRD_FMU_IS_ACHIEVABLE:
+        *value = of->fmu.output.is_achievable;
+        return true;
+    case MRD_FMU_IS_DISSIPATIVE:
+        *value = of->fmu.output.is_dissipative;
+        return true;
+#endif
     default:
         mrd_fmu_fail_at(&of->logger, function, reference, "there is no such variable of type Boolean");
         return false;
@@ -224,6 +283,16 @@ static bool mrd_fmu_to_ns(double time_s, int64_t *time_ns) {
     return true;
 }
 
+#if MRD_HAS_INVERSE
+/* As in the service, a largest current that was lowered holds at once: also for the command before, from which the rate is limited. */
+static void mrd_fmu_lower_current(mrd_fmu *fmu) {
+    const double most_a = fmu->parameters.named.inverse_current_max_a;
+    mrd_inverse *inverse = &fmu->damper.inverse;
+    inverse->last_a = inverse->last_a > most_a ? most_a : inverse->last_a;
+    inverse->target_a = inverse->target_a > most_a ? most_a : inverse->target_a;
+}
+
+#endif
 const char *mrd_fmu_step(mrd_fmu *fmu, double time_s, double step_s) {
     int64_t time_ns;
     if (fmu->mode != MRD_FMU_STEPPING) {
@@ -240,7 +309,15 @@ const char *mrd_fmu_step(mrd_fmu *fmu, double time_s, double step_s) {
     }
     fmu->input.time_ns = time_ns;
     fmu->has_stepped = true;
+#if MRD_HAS_INVERSE
+    mrd_fmu_lower_current(fmu);
+#endif
     fmu->accepted = mrd_step(&fmu->parameters.named, &fmu->damper, &fmu->input, &fmu->output);
+#if MRD_HAS_INVERSE
+    if (!fmu->accepted) {
+        mrd_fmu_hold_current(fmu, time_ns);
+    }
+#endif
     fmu->time_s = time_s + step_s;
     return NULL;
 }

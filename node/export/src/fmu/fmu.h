@@ -19,6 +19,9 @@ extern "C" {
 #define MRD_FMU_DRIVE 2U
 #define MRD_FMU_VELOCITY 3U
 #define MRD_FMU_TEMPERATURE 4U
+#if MRD_HAS_INVERSE
+#define MRD_FMU_REQUEST 5U
+#endif
 #define MRD_FMU_FORCE 11U
 #define MRD_FMU_READING 12U
 #define MRD_FMU_USED_DISPLACEMENT 13U
@@ -26,9 +29,24 @@ extern "C" {
 #define MRD_FMU_FLAGS 15U
 #define MRD_FMU_VALID 16U
 #define MRD_FMU_ACCEPTED 17U
+#if MRD_HAS_INVERSE
+#define MRD_FMU_CURRENT 21U
+#define MRD_FMU_REQUESTED 22U
+#define MRD_FMU_EXPECTED 23U
+#if MRD_HAS_ARRAYS
+#define MRD_FMU_ACHIEVABLE 24U
+#else
+#define MRD_FMU_LEAST 24U
+#define MRD_FMU_MOST 25U
+#endif
+#define MRD_FMU_LIMITED_BY 26U
+#define MRD_FMU_IS_COMMANDED 27U
+#define MRD_FMU_IS_ACHIEVABLE 28U
+#define MRD_FMU_IS_DISSIPATIVE 29U
+#endif
 #define MRD_FMU_FIRST_PARAMETER 1000U
 
-/* Numbers of mrd_parameters. */
+/* Number of values in mrd_parameters. */
 #define MRD_FMU_NUMBERS @NUMBERS@
 
 typedef enum {

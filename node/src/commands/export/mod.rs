@@ -51,8 +51,8 @@ pub struct Args {
     #[arg(long, requires = "c", conflicts_with = "fmu")]
     float: bool,
     /// Also write the inverse controller, which commands a coil current for a requested force: search (on the model), or
-    /// polynomial or fuzzy (functions fitted to the model). Only in the files of --c.
-    #[arg(long, value_name = "METHOD", requires = "c", value_parser = ["search", "polynomial", "fuzzy"])]
+    /// polynomial or fuzzy (functions fitted to the model).
+    #[arg(long, value_name = "METHOD", value_parser = ["search", "polynomial", "fuzzy"])]
     inverse: Option<String>,
     /// Largest current of the inverse, A.
     #[arg(long, value_name = "A", default_value_t = Limits::default().current_max_a, requires = "inverse")]
@@ -60,7 +60,8 @@ pub struct Args {
     /// Largest rate of change of the inverse's current, A/s; by default it is not limited.
     #[arg(long, value_name = "A/S", requires = "inverse")]
     rate_max: Option<f64>,
-    /// Also write test vectors to this file. With --fmu, their time increases, as in a simulation.
+    /// Also write test vectors to this file. With --fmu, their time increases, as in a simulation; with --inverse, too, their gaps are
+    /// filled with samples without readings.
     #[arg(long, value_name = "FILE.csv")]
     vectors: Option<PathBuf>,
     /// Number of test vectors.
@@ -134,11 +135,12 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             export = export.provenance(line);
         }
     }
-    let estimator = export.clone();
     if let Some(parts) = &inverse {
         export = export.inverse(parts);
     }
     let mut source = written_from(&export)?;
+    // The size in a control unit does not concern a simulator.
+    let simulated = source.clone();
     if args.c.is_some() {
         for line in compilers::footprint(&source)? {
             export = export.provenance(line);
@@ -156,8 +158,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     if let Some(path) = &args.fmu {
         let version = FmiVersion::named(&args.fmi).unwrap_or_default();
-        let estimator = written_from(&estimator)?;
-        let fmu = Fmu::new(&estimator, version);
+        let fmu = Fmu::new(&simulated, version);
         let binary = compilers::fmu_binary(&fmu, version, context)?;
         write_bytes(path, &fmu.archive(binary.as_deref())?)?;
         written.push(path.clone());
@@ -166,6 +167,9 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         let mut readings = vectors::readings(&model, args.vector_count as usize, 1);
         if args.fmu.is_some() {
             readings = vectors::increasing(readings);
+            if inverse.is_some() {
+                readings = vectors::with_lost_samples(readings);
+            }
         }
         let text = match &inverse {
             Some(parts) => {
