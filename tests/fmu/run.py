@@ -174,7 +174,7 @@ def number(text):
 def has_command(found, row):
     """True if the outputs of the inverse controller are those of the test vector, bit for bit."""
     (current_a, *forces), (limited_by,), (is_commanded, *truths) = found
-    # Before the first command the service has none, and the FMU has the safe current.
+    # Before the first command the vectors have no current, and the FMU has the safe one.
     is_same = math.isfinite(current_a) and (row["applied_a"] == "" or bits(current_a) == bits(number(row["applied_a"])))
     if row["command_a"] == "":
         return is_same and not is_commanded
@@ -278,7 +278,7 @@ def check(name, text, version, folder, options=()):
     )
     for problem in problems:
         print(f"  {problem}")
-    # With an inverse controller the measured current is lost for long times, and then there is no estimate, but a command.
+    # With an inverse controller the vectors lose the measured current for long times. Commands go on then, and estimates do not.
     commands = sum(row.get("expected_n", "") != "" for row in rows)
     has_seen = commands > 0.5 * len(rows) and silent > 20 if options else forces > 0.7 * len(rows)
     return not (problems or different or rebuilt or simulated) and has_seen

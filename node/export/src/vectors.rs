@@ -305,7 +305,7 @@ fn run(
     Ok(all)
 }
 
-/// The current at `now`, A, if there is no displacement until then; `None` while the command before holds.
+/// The current at `now`, A, if no displacement arrives until then; `None` while the command before holds.
 fn current_in_silence(pipeline: &mut Pipeline, now: Stamp) -> Option<f64> {
     let mut current_a = None;
     pipeline.tick(now, &mut |event| {

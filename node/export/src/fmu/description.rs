@@ -152,7 +152,7 @@ pub(super) fn inputs(source: &CSource) -> Vec<Input> {
     }
     if source.has_inverse {
         let about = "demanded force, positive in extension; NaN without a new request";
-        // Without a connection there is no request, and so no command.
+        // An FMU whose input is not connected requests nothing, and so commands nothing.
         all.push(input(5, "force_request_n", about, "N", FORCES_N, f64::NAN));
     }
     all
@@ -195,7 +195,7 @@ pub(super) fn variables(fmu: &Fmu<'_>) -> Vec<Variable> {
 /// The outputs of the inverse controller.
 fn command(source: &CSource) -> Vec<Variable> {
     let output = |reference, name, about, unit| Variable::number(reference, name, about, "output", unit);
-    // The largest current is a parameter, so the range is that of all its values.
+    // The largest current is a parameter, so the current can have any value that this parameter can have.
     let limit = source.parameters.iter().find(|parameter| parameter.name == "inverse_current_max_a");
     let most_a = limit.and_then(|parameter| parameter.range).map_or(f64::MAX, |[_, most_a]| most_a);
     let current_about = "commanded current, from 0 to parameters.inverse_current_max_a; always finite";

@@ -206,8 +206,8 @@ fn an_importer_gets_the_services_bits() {
 /// Bytes that an importer writes for a sample with a command.
 const WITH_COMMAND: usize = 24 + 48;
 
-/// Fails at the first command that differs, or at a current beyond the limits. Returns how many commands had a force, and how many
-/// currents were those of a silence that had gone on so long that the current went to the safe one.
+/// Fails at the first command that differs, or at a current beyond the limits. Returns how many commands had a force, and in how many
+/// samples without a displacement the current changed, because it went to the safe one.
 fn assert_commands(what: &str, limits: Limits, service: &[ExpectedCommand], written: &[u8]) -> [usize; 2] {
     assert_eq!(written.len(), WITH_COMMAND * service.len(), "{what}");
     let same = |a: f64, b: f64| a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan());
