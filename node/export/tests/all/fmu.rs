@@ -129,6 +129,7 @@ fn build(dir: &Path, fmu: &Fmu<'_>, compiler: &str, importer: &str) {
         }
     }
     std::fs::write(dir.join("importer.c"), importer).expect("written");
+    std::fs::write(dir.join("importer.h"), include_str!("importer.h")).expect("written");
     let compiled = Command::new(compiler)
         .current_dir(dir)
         .args(WARNINGS)

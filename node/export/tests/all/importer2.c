@@ -2,11 +2,7 @@
    reference of a parameter, and the value references of the inputs among the readings; with the fifth one, the FMU has an inverse
    controller. It reads readings, and writes what the FMU gives.
    Types and prototypes are written after the standard, independently of the FMU. */
-#include <stdbool.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include "importer.h"
 
 typedef struct {
     void (*logger)(void *environment, const char *name, int status, const char *category, const char *message, ...);
@@ -43,18 +39,7 @@ int fmi2GetStatus(void *, int, int *);
 int fmi2GetRealStatus(void *, int, double *);
 int fmi2GetBooleanStatus(void *, int, int *);
 
-#define OK 0
 #define DISCARD 2
-#define ERROR 3
-#define NEED(condition)                                                                                                          \
-    if (!(condition)) {                                                                                                          \
-        fprintf(stderr, "line %d: %s; last message: %s\n", __LINE__, #condition, message_of.text);                                \
-        return 1;                                                                                                                \
-    }
-
-typedef struct {
-    char text[300];
-} last_message;
 
 static void keep(void *environment, const char *name, int status, const char *category, const char *message, ...) {
     last_message *last = environment;
@@ -72,20 +57,21 @@ static int has_force(void *fmu, double *force) {
     return fmi2GetReal(fmu, &which, 1U, force);
 }
 
-/* Writes the command after a step; with the same layout for both versions. */
-static int write_command(void *fmu) {
-    const unsigned forces[5] = { 21U, 22U, 23U, 24U, 25U }, limited_by = 26U, truths[3] = { 27U, 28U, 29U };
+/* Writes the command after a step. */
+static int get_command(void *fmu) {
+    const unsigned forces[5] = { 21U, 22U, 23U, 24U, 25U }, limited_by = 26U, which[3] = { 27U, 28U, 29U };
     double numbers[5];
     int limit = -1, is_true[3];
-    uint32_t words[2];
+    bool truths[3];
+    size_t k;
     if (fmi2GetReal(fmu, forces, 5U, numbers) != OK || fmi2GetInteger(fmu, &limited_by, 1U, &limit) != OK || limit < 0
-        || fmi2GetBoolean(fmu, truths, 3U, is_true) != OK) {
+        || fmi2GetBoolean(fmu, which, 3U, is_true) != OK) {
         return ERROR;
     }
-    words[0] = (uint32_t)limit;
-    words[1] = (is_true[0] != 0 ? 1U : 0U) | (is_true[1] != 0 ? 2U : 0U) | (is_true[2] != 0 ? 4U : 0U);
-    fwrite(words, sizeof words, 1, stdout);
-    fwrite(numbers, sizeof numbers, 1, stdout);
+    for (k = 0U; k < 3U; k++) {
+        truths[k] = is_true[k] != 0;
+    }
+    write_command(numbers, (uint32_t)limit, truths);
     return OK;
 }
 
@@ -94,17 +80,6 @@ static double current_of(void *fmu) {
     const unsigned current = 21U;
     double value = 0.0;
     return fmi2GetReal(fmu, &current, 1U, &value) == OK ? value : 0.0 / value;
-}
-
-/* The value reference in the argument that begins with `name`; 0 without one. */
-static unsigned named(int count, char **arguments, const char *name) {
-    int k;
-    for (k = 3; k < count; k++) {
-        if (strncmp(arguments[k], name, strlen(name)) == 0) {
-            return (unsigned)strtoul(arguments[k] + strlen(name), NULL, 10);
-        }
-    }
-    return 0U;
 }
 
 int main(int count, char **arguments) {
@@ -166,6 +141,8 @@ int main(int count, char **arguments) {
         has_inverse = has_inverse || inputs[n] == 5U;
         n++;
     }
+    /* Without an inverse controller there is no such output. */
+    NEED(has_inverse == (current_of(fmu) >= 0.0));
     if (has_inverse) {
         /* Before the first step the current is the safe one within the limits, also if these are changed. */
         const unsigned safe = named(count, arguments, "safe="), most = named(count, arguments, "most=");
@@ -178,7 +155,6 @@ int main(int count, char **arguments) {
     }
     while (fread(&time_ns, sizeof time_ns, 1, stdin) == 1 && fread(given, sizeof given, 1, stdin) == 1) {
         double values[5], numbers[2];
-        unsigned words[2];
         int is_true[2], found;
         for (k = 0U; k < n; k++) {
             values[k] = given[channels[k]];
@@ -189,11 +165,8 @@ int main(int count, char **arguments) {
         NEED(fmi2GetInteger(fmu, &flags, 1U, &found) == OK);
         NEED(fmi2GetBoolean(fmu, truths, 2U, is_true) == OK);
         NEED((is_true[0] != 0) == (numbers[0] == numbers[0]));
-        words[0] = is_true[1] != 0 ? 1U : 0U;
-        words[1] = (unsigned)found;
-        fwrite(words, sizeof words, 1, stdout);
-        fwrite(numbers, sizeof numbers, 1, stdout);
-        NEED(!has_inverse || write_command(fmu) == OK);
+        write_estimate(is_true[1] != 0, (uint32_t)found, numbers);
+        NEED(!has_inverse || get_command(fmu) == OK);
     }
 
     /* Time does not go back without a state; from a state, and from its bytes, the same step gives the same force. */

@@ -2,11 +2,7 @@
    reference of a parameter, and the value references of the inputs among the readings; with the fifth one, the FMU has an inverse
    controller. It reads readings, and writes what the FMU gives.
    Types and prototypes are written after the standard, independently of the FMU. */
-#include <stdbool.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include "importer.h"
 
 typedef void (*log_callback)(void *environment, int status, const char *category, const char *message);
 const char *fmi3GetVersion(void);
@@ -35,18 +31,6 @@ int fmi3SerializeFMUState(void *, void *, uint8_t[], size_t);
 int fmi3DeserializeFMUState(void *, const uint8_t[], size_t, void **);
 int fmi3DoStep(void *, double, double, bool, bool *, bool *, bool *, double *);
 
-#define OK 0
-#define ERROR 3
-#define NEED(condition)                                                                                                          \
-    if (!(condition)) {                                                                                                          \
-        fprintf(stderr, "line %d: %s; last message: %s\n", __LINE__, #condition, message_of.text);                                \
-        return 1;                                                                                                                \
-    }
-
-typedef struct {
-    char text[300];
-} last_message;
-
 static void keep(void *environment, int status, const char *category, const char *message) {
     last_message *last = environment;
     if (status == ERROR && strcmp(category, "logStatusError") == 0) {
@@ -69,19 +53,17 @@ static int has_force(void *fmu, double *force) {
     return fmi3GetFloat64(fmu, &which, 1U, force, 1U);
 }
 
-/* Writes the command after a step; with the same layout for both versions. */
-static int write_command(void *fmu) {
-    const uint32_t forces[4] = { 21U, 22U, 23U, 24U }, limited_by = 26U, truths[3] = { 27U, 28U, 29U };
+/* Writes the command after a step. */
+static int get_command(void *fmu) {
+    const uint32_t forces[4] = { 21U, 22U, 23U, 24U }, limited_by = 26U, which[3] = { 27U, 28U, 29U };
     double numbers[5];
-    bool is_true[3];
-    uint32_t words[2];
-    if (fmi3GetFloat64(fmu, forces, 4U, numbers, 5U) != OK || fmi3GetUInt32(fmu, &limited_by, 1U, &words[0], 1U) != OK
-        || fmi3GetBoolean(fmu, truths, 3U, is_true, 3U) != OK) {
+    bool truths[3];
+    uint32_t limit;
+    if (fmi3GetFloat64(fmu, forces, 4U, numbers, 5U) != OK || fmi3GetUInt32(fmu, &limited_by, 1U, &limit, 1U) != OK
+        || fmi3GetBoolean(fmu, which, 3U, truths, 3U) != OK) {
         return ERROR;
     }
-    words[1] = (is_true[0] ? 1U : 0U) | (is_true[1] ? 2U : 0U) | (is_true[2] ? 4U : 0U);
-    fwrite(words, sizeof words, 1, stdout);
-    fwrite(numbers, sizeof numbers, 1, stdout);
+    write_command(numbers, limit, truths);
     return OK;
 }
 
@@ -90,17 +72,6 @@ static double current_of(void *fmu) {
     const uint32_t current = 21U;
     double value = 0.0;
     return fmi3GetFloat64(fmu, &current, 1U, &value, 1U) == OK ? value : 0.0 / value;
-}
-
-/* The value reference in the argument that begins with `name`; 0 without one. */
-static uint32_t named(int count, char **arguments, const char *name) {
-    int k;
-    for (k = 3; k < count; k++) {
-        if (strncmp(arguments[k], name, strlen(name)) == 0) {
-            return (uint32_t)strtoul(arguments[k] + strlen(name), NULL, 10);
-        }
-    }
-    return 0U;
 }
 
 int main(int count, char **arguments) {
@@ -162,6 +133,10 @@ int main(int count, char **arguments) {
         has_inverse = has_inverse || inputs[n] == 5U;
         n++;
     }
+    /* Without an inverse controller there is no such output. */
+    NEED(has_inverse == (current_of(fmu) >= 0.0));
+    /* In FMI 3.0 the achievable range is one array. */
+    NEED(fmi3GetFloat64(fmu, (const uint32_t[1]){ 25U }, 1U, &again, 1U) == ERROR);
     if (has_inverse) {
         /* Before the first step the current is the safe one within the limits, also if these are changed. */
         const uint32_t safe = named(count, arguments, "safe="), most = named(count, arguments, "most=");
@@ -174,7 +149,7 @@ int main(int count, char **arguments) {
     }
     while (fread(&time_ns, sizeof time_ns, 1, stdin) == 1 && fread(given, sizeof given, 1, stdin) == 1) {
         double values[5], numbers[2];
-        uint32_t words[2];
+        uint32_t found;
         bool is_true[2];
         for (k = 0U; k < n; k++) {
             values[k] = given[channels[k]];
@@ -182,13 +157,11 @@ int main(int count, char **arguments) {
         NEED(fmi3SetFloat64(fmu, inputs, n, values, n) == OK);
         NEED(step(fmu, (double)time_ns * 1e-9, 1e-3) == OK);
         NEED(fmi3GetFloat64(fmu, estimates, 2U, numbers, 2U) == OK);
-        NEED(fmi3GetUInt32(fmu, &flags, 1U, &words[1], 1U) == OK);
+        NEED(fmi3GetUInt32(fmu, &flags, 1U, &found, 1U) == OK);
         NEED(fmi3GetBoolean(fmu, truths, 2U, is_true, 2U) == OK);
         NEED(is_true[0] == (numbers[0] == numbers[0]));
-        words[0] = is_true[1] ? 1U : 0U;
-        fwrite(words, sizeof words, 1, stdout);
-        fwrite(numbers, sizeof numbers, 1, stdout);
-        NEED(!has_inverse || write_command(fmu) == OK);
+        write_estimate(is_true[1], found, numbers);
+        NEED(!has_inverse || get_command(fmu) == OK);
     }
 
     /* Time does not go back without a state; from a state, and from its bytes, the same step gives the same force. */
