@@ -148,6 +148,9 @@ pub struct ExpectedCommand {
     pub command: Option<CurrentCommand>,
     /// The current after [`SILENCE_NS`] without a displacement, A; `None` where that is not known.
     pub silent_a: Option<f64>,
+    /// The current that applies at this sample, A: the command, or the current in silence if the displacement was refused. `None` before
+    /// the first command.
+    pub applied_a: Option<f64>,
 }
 
 /// Time after a sample for which [`ExpectedCommand::silent_a`] holds, ns.
@@ -194,6 +197,30 @@ pub fn increasing(mut all: Vec<Readings>) -> Vec<Readings> {
         is_later
     });
     all
+}
+
+/// `all` with samples in its gaps, as a simulation steps on while nothing arrives: one in 5 ms, without readings. `all` increases.
+#[must_use]
+pub fn with_lost_samples(all: Vec<Readings>) -> Vec<Readings> {
+    const STEP_NS: i64 = 5_000_000;
+    let mut filled: Vec<Readings> = Vec::with_capacity(all.len());
+    for own in all {
+        let before_ns = filled.last().map_or(own.time_ns, |before| before.time_ns);
+        // Shorter gaps are single samples that are lost.
+        let lost =
+            if own.time_ns - before_ns > 10 * STEP_NS { (own.time_ns - before_ns - 1) / STEP_NS } else { 0 };
+        let nothing = f64::NAN;
+        filled.extend((1..=lost).map(|k| Readings {
+            time_ns: before_ns + k * STEP_NS,
+            displacement_m: nothing,
+            drive: nothing,
+            velocity_m_s: nothing,
+            case_temp_c: nothing,
+            force_request_n: nothing,
+        }));
+        filled.push(own);
+    }
+    filled
 }
 
 /// The results of the service's free-run channel for `readings`, with default settings and without measured force.
@@ -271,20 +298,31 @@ fn run(
         if let Some(command) = &command {
             last_a = Some(command.current.get());
         }
+        // A refused displacement is silence. A copy is asked, because a silence longer than a timeout would change the mode.
+        let applied_a = match own.accepted {
+            true => command.map(|command: CurrentCommand| command.current.get()),
+            false => current_in_silence(&mut pipeline.clone(), stamp).or(last_a),
+        };
         // A longer silence would change the state.
         if accepted_ns
             .is_some_and(|at_ns| (r.time_ns - at_ns + SILENCE_NS) as f64 * 1e-9 < settings.input_timeout_s)
         {
-            silent_a = last_a;
-            pipeline.tick(stamp.shifted(SILENCE_NS), &mut |event| {
-                if let Event::Command(commanded) = event {
-                    silent_a = Some(commanded.command.current.get());
-                }
-            });
+            silent_a = current_in_silence(&mut pipeline, stamp.shifted(SILENCE_NS)).or(last_a);
         }
-        all.push((own, ExpectedCommand { command, silent_a }));
+        all.push((own, ExpectedCommand { command, silent_a, applied_a }));
     }
     Ok(all)
+}
+
+/// The current at `now`, A, if no displacement arrives until then; `None` while the command before holds.
+fn current_in_silence(pipeline: &mut Pipeline, now: Stamp) -> Option<f64> {
+    let mut current_a = None;
+    pipeline.tick(now, &mut |event| {
+        if let Event::Command(commanded) = event {
+            current_a = Some(commanded.command.current.get());
+        }
+    });
+    current_a
 }
 
 /// Test vectors as CSV: the readings, and what the exported code must return, each number exact. An empty cell is NaN.
@@ -315,8 +353,8 @@ pub fn csv(model: &Model, readings: &[Readings]) -> Result<String, Error> {
 }
 
 /// Test vectors of a model with an inverse controller as CSV: the readings with the requested force, the estimate without the expected
-/// reading, and the command. An empty cell is NaN; the cells of a command are empty if there is none. For a learned inverse the last column
-/// is 1 where the search gave the current.
+/// reading, the command, and the current that applies: see [`ExpectedCommand::applied_a`]. An empty cell is NaN; the cells of a command
+/// are empty if there is none. For a learned inverse the last column is 1 where the search gave the current.
 ///
 /// # Errors
 /// See [`expected_commands`].
@@ -325,29 +363,40 @@ pub fn csv_with_commands(model: &Model, settings: &Settings, readings: &[Reading
     let is_learned = settings.method.learned().is_some();
     let last = if is_learned { ",is_substituted" } else { "" };
     let mut text = format!(
-        "time_ns,displacement_m,{drive},velocity_m_s,case_temp_c,force_request_n,accepted,force_n,flags,command_a,expected_n,\
-         least_n,most_n,limited_by{last}\n"
+        "time_ns,displacement_m,{drive},velocity_m_s,case_temp_c,force_request_n,accepted,force_n,flags,command_a,requested_n,expected_n,\
+         least_n,most_n,limited_by,is_achievable,is_dissipative,applied_a{last}\n"
     );
     let cell = |value: f64| if value.is_nan() { String::new() } else { format!("{value:?}") };
     for (r, (e, c)) in readings.iter().zip(expected_commands(model, settings, readings)?) {
         let inputs = [r.displacement_m, r.drive, r.velocity_m_s, r.case_temp_c, r.force_request_n].map(cell);
-        let mut command = c.command.map_or(",,,,".to_owned(), |command| {
-            let [least_n, most_n] = command.achievable.map(|force| cell(force.get()));
-            let (current_a, expected_n) = (cell(command.current.get()), cell(command.expected.get()));
-            format!("{current_a},{expected_n},{least_n},{most_n},{}", command.limited_by as u8)
+        let command = c.command.map_or(",,,,,,,".to_owned(), |command| {
+            let [least, most] = command.achievable;
+            let forces = [command.requested, command.expected, least, most];
+            let truths = [command.is_achievable, command.dissipative].map(u32::from);
+            format!(
+                "{},{},{},{},{}",
+                cell(command.current.get()),
+                forces.map(|force| cell(force.get())).join(","),
+                command.limited_by as u8,
+                truths[0],
+                truths[1]
+            )
         });
-        if is_learned {
-            command.push(',');
-            command.push_str(c.command.map_or("", |own| if own.substituted { "1" } else { "0" }));
-        }
+        let substituted = match c.command {
+            _ if !is_learned => "",
+            None => ",",
+            Some(command) if command.substituted => ",1",
+            Some(_) => ",0",
+        };
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{command}",
+            "{},{},{},{},{},{command},{}{substituted}",
             r.time_ns,
             inputs.join(","),
             u32::from(e.accepted),
             cell(e.force_n),
-            e.flags
+            e.flags,
+            c.applied_a.map_or(String::new(), cell)
         );
     }
     Ok(text)

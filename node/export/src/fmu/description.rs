@@ -12,11 +12,14 @@ use std::fmt::Write as _;
 /// Value reference of the first parameter; the C code has the same.
 const FIRST_PARAMETER: usize = 1000;
 
+/// Range of forces, N.
+const FORCES_N: [f64; 2] = [-1e9, 1e9];
+
 /// Type of a variable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Number,
-    Flags,
+    Word,
     Truth,
 }
 
@@ -42,8 +45,34 @@ impl Variable {
         Self { reference, name, about, causality, kind, shape, unit, range: None, start: Vec::new() }
     }
 
+    fn word(reference: usize, name: &str, about: &str, most: f64) -> Self {
+        let own = Self::number(reference, name, about, "output", "");
+        Self { kind: Kind::Word, range: Some([0.0, most]), ..own }
+    }
+
+    fn truth(reference: usize, name: &str, about: &str) -> Self {
+        Self { kind: Kind::Truth, ..Self::number(reference, name, about, "output", "") }
+    }
+
     fn within(self, range: [f64; 2]) -> Self {
         Self { range: Some(range), ..self }
+    }
+
+    /// One variable for each element, with value references that follow each other.
+    fn elements(self) -> Vec<Self> {
+        let index = |k: usize| match self.shape {
+            Shape::Scalar => String::new(),
+            Shape::Array(_) => format!("[{}]", k + 1),
+            Shape::Rows(_, n) => format!("[{},{}]", k / n + 1, k % n + 1),
+        };
+        let element = |k: usize| Self {
+            reference: self.reference + k,
+            name: format!("{}{}", self.name, index(k)),
+            shape: Shape::Scalar,
+            start: self.start.get(k).copied().into_iter().collect(),
+            ..self.clone()
+        };
+        (0..self.shape.len()).map(element).collect()
     }
 
     fn variability(&self) -> &'static str {
@@ -121,6 +150,11 @@ pub(super) fn inputs(source: &CSource) -> Vec<Input> {
         let about = "temperature of the damper's case; NaN without a new reading";
         all.push(input(4, "case_temp_c", about, "degrees Celsius", [-100.0, 400.0], 25.0));
     }
+    if source.has_inverse {
+        let about = "demanded force, positive in extension; NaN without a new request";
+        // An FMU whose input is not connected requests nothing, and so commands nothing.
+        all.push(input(5, "force_request_n", about, "N", FORCES_N, f64::NAN));
+    }
     all
 }
 
@@ -135,52 +169,72 @@ pub(super) fn variables(fmu: &Fmu<'_>) -> Vec<Variable> {
     let flags_about = "reasons why the estimate is not as good as it could be: bits, see the documentation; 0 for a good one";
     let force_about = "force of the damper, positive in extension; NaN if there is none";
     let reading_about = "reading that the load cell should show; NaN if there is none";
-    let truth = |reference, name, about| Variable { kind: Kind::Truth, ..output(reference, name, about, "") };
     all.extend([
-        output(11, "force_n", force_about, "N").within([-1e9, 1e9]),
-        output(12, "reading_n", reading_about, "N").within([-1e9, 1e9]),
+        output(11, "force_n", force_about, "N").within(FORCES_N),
+        output(12, "reading_n", reading_about, "N").within(FORCES_N),
         output(13, "conditioned.displacement_m", "displacement that the model was given", "m"),
         output(14, "conditioned.velocity_m_s", "velocity that the model was given", "m/s"),
-        Variable { kind: Kind::Flags, ..output(15, "flags", flags_about, "") }.within([0.0, 65_535.0]),
-        truth(16, "valid", "true if there is a force"),
-        truth(17, "accepted", "true if the displacement was accepted"),
+        Variable::word(15, "flags", flags_about, 65_535.0),
+        Variable::truth(16, "valid", "true if there is a force"),
+        Variable::truth(17, "accepted", "true if the displacement was accepted"),
     ]);
+    if fmu.source.has_inverse {
+        all.extend(command(fmu.source));
+    }
     let mut place = FIRST_PARAMETER;
     for parameter in &fmu.source.parameters {
-        match fmu.version {
-            FmiVersion::V3 => {
-                all.push(whole(parameter, place));
-                place += 1;
-            }
-            FmiVersion::V2 => {
-                all.extend(elements(parameter, place));
-                place += parameter.values.len();
-            }
-        }
+        all.push(whole(parameter, place));
+        place += if fmu.version == FmiVersion::V3 { 1 } else { parameter.values.len() };
+    }
+    match fmu.version {
+        FmiVersion::V3 => all,
+        FmiVersion::V2 => all.into_iter().flat_map(Variable::elements).collect(),
+    }
+}
+
+/// The outputs of the inverse controller.
+fn command(source: &CSource) -> Vec<Variable> {
+    let output = |reference, name, about, unit| Variable::number(reference, name, about, "output", unit);
+    // The largest current is a parameter, so the current can have any value that this parameter can have.
+    let limit = source.parameters.iter().find(|parameter| parameter.name == "inverse_current_max_a");
+    let most_a = limit.and_then(|parameter| parameter.range).map_or(f64::MAX, |[_, most_a]| most_a);
+    let current_about = "commanded current, from 0 to parameters.inverse_current_max_a; always finite";
+    let expected_about = "force that the model expects at the commanded current; NaN if there is none";
+    let achievable_about = "least and largest force of the damper at this motion; NaN if they are not known";
+    let limited_about = "why the command does not reach the demanded force: 0 it does, 1 largest current, 2 least current, 3 rate, \
+                         4 passivity, 5 safe current";
+    let commanded_about = "false before the first request, and if the displacement was refused";
+    let achievable = output(24, "command.achievable_n", achievable_about, "N");
+    let mut all = vec![
+        output(21, "command.current_a", current_about, "A").within([0.0, most_a]),
+        output(22, "command.requested_n", "demanded force; NaN if there is none", "N").within(FORCES_N),
+        output(23, "command.expected_n", expected_about, "N").within(FORCES_N),
+        Variable { shape: Shape::Array(2), ..achievable }.within(FORCES_N),
+        Variable::word(26, "command.limited_by", limited_about, 5.0),
+        Variable::truth(27, "command.is_commanded", commanded_about),
+        Variable::truth(
+            28,
+            "command.is_achievable",
+            "true if the demanded force is dissipative and in the range",
+        ),
+        Variable::truth(
+            29,
+            "command.is_dissipative",
+            "true if the demanded force takes energy out of the motion",
+        ),
+    ];
+    if source.has_learned_inverse {
+        let substituted_about = "true if the search gave the current, because the learned inverse gave none";
+        all.push(Variable::truth(30, "command.is_substituted", substituted_about));
     }
     all
 }
 
-/// A parameter as one variable, which may be an array.
+/// A parameter, which may be an array.
 fn whole(parameter: &CParameter, reference: usize) -> Variable {
     let name = format!("parameters.{}", parameter.name);
     let own = Variable::number(reference, &name, &parameter.about, "parameter", &parameter.unit);
     Variable { shape: parameter.shape, range: parameter.range, start: parameter.values.clone(), ..own }
-}
-
-/// A parameter as one variable for each element.
-fn elements(parameter: &CParameter, first: usize) -> Vec<Variable> {
-    let index = |k: usize| match parameter.shape {
-        Shape::Scalar => String::new(),
-        Shape::Array(_) => format!("[{}]", k + 1),
-        Shape::Rows(_, n) => format!("[{},{}]", k / n + 1, k % n + 1),
-    };
-    let element = |(k, value): (usize, &f64)| {
-        let name = format!("parameters.{}{}", parameter.name, index(k));
-        let own = Variable::number(first + k, &name, &parameter.about, "parameter", &parameter.unit);
-        Variable { range: parameter.range, start: vec![*value], ..own }
-    };
-    parameter.values.iter().enumerate().map(element).collect()
 }
 
 /// The units of `variables`, by symbol.
@@ -293,7 +347,7 @@ fn attributes(variable: &Variable, unit: Option<&FmuUnit>) -> String {
         let _ = write!(text, " unit=\"{}\"", unit.name);
     }
     let number = |value: f64| match variable.kind {
-        Kind::Flags => format!("{value}"),
+        Kind::Word => format!("{value}"),
         _ => format!("{value:?}"),
     };
     if let Some([low, high]) = variable.range {
@@ -322,7 +376,7 @@ fn identity(variable: &Variable) -> String {
 fn variable_3(variable: &Variable, unit: Option<&FmuUnit>) -> String {
     let kind = match variable.kind {
         Kind::Number => "Float64",
-        Kind::Flags => "UInt32",
+        Kind::Word => "UInt32",
         Kind::Truth => "Boolean",
     };
     let head = format!("    <{kind} {}{}", identity(variable), attributes(variable, unit));
@@ -337,7 +391,7 @@ fn variable_3(variable: &Variable, unit: Option<&FmuUnit>) -> String {
 fn variable_2(variable: &Variable, unit: Option<&FmuUnit>) -> String {
     let kind = match variable.kind {
         Kind::Number => "Real",
-        Kind::Flags => "Integer",
+        Kind::Word => "Integer",
         Kind::Truth => "Boolean",
     };
     let (identity, attributes) = (identity(variable), attributes(variable, unit));

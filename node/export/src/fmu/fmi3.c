@@ -1,8 +1,15 @@
 /* @NAME@_fmi3.c: the functions of FMI 3.0 (Functional Mock-up Interface, Modelica Association) for co-simulation.
    Functions of other interface types, and of types that no variable has, return fmi3Error and say why. */
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+/* With FMI3_FUNCTION_PREFIX the functions have names of their own, so that they can be linked statically. */
+#ifdef FMI3_FUNCTION_PREFIX
+#define MRD_IS_STATIC
+#define MRD_FMI(name) MRD_JOIN_BOTH(FMI3_FUNCTION_PREFIX, fmi3##name)
+#else
+#define MRD_FMI(name) fmi3##name
+#endif
 
 #include "@NAME@_fmu.h"
 
@@ -35,63 +42,36 @@ typedef void (*fmi3IntermediateUpdateCallback)(fmi3InstanceEnvironment, fmi3Floa
                                                fmi3Boolean, fmi3Boolean *, fmi3Float64 *);
 typedef void (*fmi3LockPreemptionCallback)(void);
 
-/* With FMI3_FUNCTION_PREFIX the functions have names of their own, so that they can be linked statically. */
-#ifdef FMI3_FUNCTION_PREFIX
-#define MRD_JOIN(a, b) a##b
-#define MRD_JOIN_BOTH(a, b) MRD_JOIN(a, b)
-#define MRD_FMI3(name) MRD_JOIN_BOTH(FMI3_FUNCTION_PREFIX, fmi3##name)
-#define MRD_EXPORT
-#else
-#define MRD_FMI3(name) fmi3##name
-#if defined(_WIN32) || defined(__CYGWIN__)
-#define MRD_EXPORT __declspec(dllexport)
-#elif defined(__GNUC__)
-#define MRD_EXPORT __attribute__((visibility("default")))
-#else
-#define MRD_EXPORT
-#endif
-#endif
-
-/* A function that importers call: declared before it is defined. */
-#define MRD_FUNCTION(type, name, ...)                                                                                            \
-    MRD_EXPORT type MRD_FMI3(name)(__VA_ARGS__);                                                                                 \
-    MRD_EXPORT type MRD_FMI3(name)(__VA_ARGS__)
-
-/* Where messages go. */
+/* The importer: where messages go. */
 typedef struct {
-    bool is_on;
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
-} mrd_logger;
+} mrd_importer;
 
-/* One instance. */
+/* One instance. Its pointer is also one to what the versions share. */
 typedef struct {
-    mrd_logger logger;
-    mrd_fmu fmu;
+    mrd_fmu_instance shared;
+    mrd_importer importer;
 } mrd_instance;
 
-static fmi3Status mrd_fail(const mrd_logger *to, const char *function, const char *what) {
-    if (to->is_on && to->log != NULL) {
-        char message[512];
-        (void)snprintf(message, sizeof message, "%s: %s.", function, what);
+static void mrd_send(const void *importer, const char *message) {
+    const mrd_importer *to = (const mrd_importer *)importer;
+    if (to->log != NULL) {
         to->log(to->environment, fmi3Error, "logStatusError", message);
     }
-    return fmi3Error;
 }
 
-/* fmi3OK without a fault. */
-static fmi3Status mrd_status(const mrd_logger *to, const char *function, const char *fault) {
-    return fault == NULL ? fmi3OK : mrd_fail(to, function, fault);
+static fmi3Status mrd_status(bool is_done) {
+    return is_done ? fmi3OK : fmi3Error;
 }
 
-static fmi3Status mrd_fail_at(const mrd_logger *to, const char *function, fmi3ValueReference reference, const char *what) {
-    char message[256];
-    (void)snprintf(message, sizeof message, "value reference %lu: %s", (unsigned long)reference, what);
-    return mrd_fail(to, function, message);
+/* The status of a change of modes or a step. */
+static fmi3Status mrd_result(const mrd_fmu_instance *of, const char *function, const char *fault) {
+    return mrd_status(mrd_fmu_has_done(&of->logger, function, fault));
 }
 
 #define MRD_NO_TYPE "this FMU has no variable of this type"
-#define MRD_NO_NUMBER "there are fewer values than the variables have elements, or more"
+#define MRD_NO_COUNT "there are fewer values than variables, or more"
 
 MRD_FUNCTION(const char *, GetVersion, void) {
     return "3.0";
@@ -99,13 +79,7 @@ MRD_FUNCTION(const char *, GetVersion, void) {
 
 MRD_FUNCTION(fmi3Status, SetDebugLogging, fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories,
              const fmi3String categories[]) {
-    mrd_instance *of = (mrd_instance *)instance;
-    size_t k;
-    bool is_ours = nCategories == 0U;
-    for (k = 0U; k < nCategories; k++) {
-        is_ours = is_ours || strcmp(categories[k], "logStatusError") == 0;
-    }
-    of->logger.is_on = loggingOn && is_ours;
+    mrd_fmu_set_logging(&((mrd_fmu_instance *)instance)->logger, loggingOn, categories, nCategories);
     return fmi3OK;
 }
 
@@ -114,8 +88,10 @@ MRD_FUNCTION(fmi3Instance, InstantiateCoSimulation, fmi3String instanceName, fmi
              const fmi3ValueReference requiredIntermediateVariables[], size_t nRequiredIntermediateVariables,
              fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage,
              fmi3IntermediateUpdateCallback intermediateUpdate) {
-    const mrd_logger logger = { loggingOn, instanceEnvironment, logMessage };
-    mrd_instance *of;
+    const mrd_importer importer = { instanceEnvironment, logMessage };
+    const mrd_fmu_logger logger = { loggingOn, mrd_send, &importer };
+    const char *fault = NULL;
+    mrd_instance *of = NULL;
     (void)instanceName;
     (void)resourcePath;
     (void)visible;
@@ -123,20 +99,21 @@ MRD_FUNCTION(fmi3Instance, InstantiateCoSimulation, fmi3String instanceName, fmi
     (void)requiredIntermediateVariables;
     (void)intermediateUpdate;
     if (instantiationToken == NULL || strcmp(instantiationToken, MRD_FMU_TOKEN) != 0) {
-        (void)mrd_fail(&logger, "fmi3InstantiateCoSimulation", "the instantiation token is not that of this FMU");
-        return NULL;
+        fault = "the instantiation token is not that of this FMU";
+    } else if (eventModeUsed || nRequiredIntermediateVariables > 0U) {
+        fault = "this FMU has no event mode and no intermediate update";
+    } else {
+        of = (mrd_instance *)calloc(1U, sizeof *of);
+        fault = of == NULL ? "there is no memory" : NULL;
     }
-    if (eventModeUsed || nRequiredIntermediateVariables > 0U) {
-        (void)mrd_fail(&logger, "fmi3InstantiateCoSimulation", "this FMU has no event mode and no intermediate update");
-        return NULL;
-    }
-    of = (mrd_instance *)calloc(1U, sizeof *of);
     if (of == NULL) {
-        (void)mrd_fail(&logger, "fmi3InstantiateCoSimulation", "there is no memory");
+        mrd_fmu_fail(&logger, "fmi3InstantiateCoSimulation", fault);
         return NULL;
     }
-    of->logger = logger;
-    mrd_fmu_reset(&of->fmu);
+    of->importer = importer;
+    of->shared.logger = logger;
+    of->shared.logger.importer = &of->importer;
+    mrd_fmu_reset(&of->shared.fmu);
     return of;
 }
 
@@ -146,149 +123,87 @@ MRD_FUNCTION(void, FreeInstance, fmi3Instance instance) {
 
 MRD_FUNCTION(fmi3Status, EnterInitializationMode, fmi3Instance instance, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
              fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
-    mrd_instance *of = (mrd_instance *)instance;
+    mrd_fmu_instance *of = (mrd_fmu_instance *)instance;
     (void)toleranceDefined;
     (void)tolerance;
     (void)stopTimeDefined;
     (void)stopTime;
-    return mrd_status(&of->logger, "fmi3EnterInitializationMode", mrd_fmu_enter_initialization(&of->fmu, startTime));
+    return mrd_result(of, "fmi3EnterInitializationMode", mrd_fmu_enter_initialization(&of->fmu, startTime));
 }
 
 MRD_FUNCTION(fmi3Status, ExitInitializationMode, fmi3Instance instance) {
-    mrd_instance *of = (mrd_instance *)instance;
-    return mrd_status(&of->logger, "fmi3ExitInitializationMode", mrd_fmu_exit_initialization(&of->fmu));
+    mrd_fmu_instance *of = (mrd_fmu_instance *)instance;
+    return mrd_result(of, "fmi3ExitInitializationMode", mrd_fmu_exit_initialization(&of->fmu));
 }
 
 MRD_FUNCTION(fmi3Status, Terminate, fmi3Instance instance) {
-    mrd_instance *of = (mrd_instance *)instance;
-    return mrd_status(&of->logger, "fmi3Terminate", mrd_fmu_terminate(&of->fmu));
+    mrd_fmu_instance *of = (mrd_fmu_instance *)instance;
+    return mrd_result(of, "fmi3Terminate", mrd_fmu_terminate(&of->fmu));
 }
 
 MRD_FUNCTION(fmi3Status, Reset, fmi3Instance instance) {
-    mrd_fmu_reset(&((mrd_instance *)instance)->fmu);
+    mrd_fmu_reset(&((mrd_fmu_instance *)instance)->fmu);
     return fmi3OK;
-}
-
-MRD_FUNCTION(fmi3Status, EnterStepMode, fmi3Instance instance) {
-    return mrd_fail(&((mrd_instance *)instance)->logger, "fmi3EnterStepMode",
-                    "this FMU has no event mode, and is in step mode after initialization");
 }
 
 MRD_FUNCTION(fmi3Status, DoStep, fmi3Instance instance, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
              fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *eventHandlingNeeded, fmi3Boolean *terminateSimulation,
              fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
-    mrd_instance *of = (mrd_instance *)instance;
+    mrd_fmu_instance *of = (mrd_fmu_instance *)instance;
     const char *fault = mrd_fmu_step(&of->fmu, currentCommunicationPoint, communicationStepSize);
     (void)noSetFMUStatePriorToCurrentPoint;
     *eventHandlingNeeded = false;
     *terminateSimulation = false;
     *earlyReturn = false;
     *lastSuccessfulTime = of->fmu.time_s;
-    return mrd_status(&of->logger, "fmi3DoStep", fault);
+    return mrd_result(of, "fmi3DoStep", fault);
 }
 
 MRD_FUNCTION(fmi3Status, GetFloat64, fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
              fmi3Float64 values[], size_t nValues) {
-    mrd_instance *of = (mrd_instance *)instance;
-    size_t k, at = 0U, count;
-    for (k = 0U; k < nValueReferences; k++) {
-        const double *numbers = mrd_fmu_numbers(&of->fmu, valueReferences[k], &count);
-        if (numbers == NULL) {
-            return mrd_fail_at(&of->logger, "fmi3GetFloat64", valueReferences[k], "there is no such variable of type Float64");
-        }
-        if (count > nValues - at) {
-            return mrd_fail_at(&of->logger, "fmi3GetFloat64", valueReferences[k], MRD_NO_NUMBER);
-        }
-        memcpy(values + at, numbers, count * sizeof *values);
-        at += count;
-    }
-    return at == nValues ? fmi3OK : mrd_fail(&of->logger, "fmi3GetFloat64", MRD_NO_NUMBER);
+    mrd_fmu_instance *of = (mrd_fmu_instance *)instance;
+    return mrd_status(mrd_fmu_get_numbers(of, "fmi3GetFloat64", valueReferences, nValueReferences, values, nValues));
 }
 
 MRD_FUNCTION(fmi3Status, SetFloat64, fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
              const fmi3Float64 values[], size_t nValues) {
-    mrd_instance *of = (mrd_instance *)instance;
-    size_t k, element, at = 0U, count;
-    for (k = 0U; k < nValueReferences; k++) {
-        if (mrd_fmu_numbers(&of->fmu, valueReferences[k], &count) == NULL) {
-            return mrd_fail_at(&of->logger, "fmi3SetFloat64", valueReferences[k], "there is no such variable of type Float64");
-        }
-        if (count > nValues - at) {
-            return mrd_fail_at(&of->logger, "fmi3SetFloat64", valueReferences[k], MRD_NO_NUMBER);
-        }
-        for (element = 0U; element < count; element++) {
-            const char *fault = mrd_fmu_set(&of->fmu, valueReferences[k], element, values[at + element]);
-            if (fault != NULL) {
-                return mrd_fail_at(&of->logger, "fmi3SetFloat64", valueReferences[k], fault);
-            }
-        }
-        at += count;
-    }
-    return at == nValues ? fmi3OK : mrd_fail(&of->logger, "fmi3SetFloat64", MRD_NO_NUMBER);
+    mrd_fmu_instance *of = (mrd_fmu_instance *)instance;
+    return mrd_status(mrd_fmu_set_numbers(of, "fmi3SetFloat64", valueReferences, nValueReferences, values, nValues));
 }
 
 MRD_FUNCTION(fmi3Status, GetUInt32, fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
              fmi3UInt32 values[], size_t nValues) {
-    mrd_instance *of = (mrd_instance *)instance;
+    mrd_fmu_instance *of = (mrd_fmu_instance *)instance;
+    bool is_done = mrd_fmu_has_done(&of->logger, "fmi3GetUInt32", nValues == nValueReferences ? NULL : MRD_NO_COUNT);
     size_t k;
-    if (nValues != nValueReferences) {
-        return mrd_fail(&of->logger, "fmi3GetUInt32", MRD_NO_NUMBER);
+    for (k = 0U; is_done && k < nValueReferences; k++) {
+        is_done = mrd_fmu_get_word(of, "fmi3GetUInt32", valueReferences[k], &values[k]);
     }
-    for (k = 0U; k < nValueReferences; k++) {
-        if (valueReferences[k] != MRD_FMU_FLAGS) {
-            return mrd_fail_at(&of->logger, "fmi3GetUInt32", valueReferences[k], "there is no such variable of type UInt32");
-        }
-        values[k] = of->fmu.output.flags;
-    }
-    return fmi3OK;
+    return mrd_status(is_done);
 }
 
 MRD_FUNCTION(fmi3Status, GetBoolean, fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
              fmi3Boolean values[], size_t nValues) {
-    mrd_instance *of = (mrd_instance *)instance;
+    mrd_fmu_instance *of = (mrd_fmu_instance *)instance;
+    bool is_done = mrd_fmu_has_done(&of->logger, "fmi3GetBoolean", nValues == nValueReferences ? NULL : MRD_NO_COUNT);
     size_t k;
-    if (nValues != nValueReferences) {
-        return mrd_fail(&of->logger, "fmi3GetBoolean", MRD_NO_NUMBER);
+    for (k = 0U; is_done && k < nValueReferences; k++) {
+        is_done = mrd_fmu_get_truth(of, "fmi3GetBoolean", valueReferences[k], &values[k]);
     }
-    for (k = 0U; k < nValueReferences; k++) {
-        if (valueReferences[k] == MRD_FMU_VALID) {
-            values[k] = mrd_fmu_is_valid(&of->fmu);
-        } else if (valueReferences[k] == MRD_FMU_ACCEPTED) {
-            values[k] = of->fmu.accepted;
-        } else {
-            return mrd_fail_at(&of->logger, "fmi3GetBoolean", valueReferences[k], "there is no such variable of type Boolean");
-        }
-    }
-    return fmi3OK;
+    return mrd_status(is_done);
 }
 
 MRD_FUNCTION(fmi3Status, GetFMUState, fmi3Instance instance, fmi3FMUState *FMUState) {
-    mrd_instance *of = (mrd_instance *)instance;
-    if (*FMUState == NULL) {
-        *FMUState = malloc(sizeof(mrd_fmu));
-    }
-    if (*FMUState == NULL) {
-        return mrd_fail(&of->logger, "fmi3GetFMUState", "there is no memory");
-    }
-    memcpy(*FMUState, &of->fmu, sizeof of->fmu);
-    return fmi3OK;
+    return mrd_status(mrd_fmu_get_state((mrd_fmu_instance *)instance, "fmi3GetFMUState", FMUState));
 }
 
 MRD_FUNCTION(fmi3Status, SetFMUState, fmi3Instance instance, fmi3FMUState FMUState) {
-    mrd_instance *of = (mrd_instance *)instance;
-    if (FMUState == NULL) {
-        return mrd_fail(&of->logger, "fmi3SetFMUState", "there is no state");
-    }
-    memcpy(&of->fmu, FMUState, sizeof of->fmu);
-    return fmi3OK;
+    return mrd_status(mrd_fmu_set_state((mrd_fmu_instance *)instance, "fmi3SetFMUState", FMUState));
 }
 
 MRD_FUNCTION(fmi3Status, FreeFMUState, fmi3Instance instance, fmi3FMUState *FMUState) {
     (void)instance;
-    if (FMUState != NULL) {
-        free(*FMUState);
-        *FMUState = NULL;
-    }
+    mrd_fmu_free_state(FMUState);
     return fmi3OK;
 }
 
@@ -300,32 +215,18 @@ MRD_FUNCTION(fmi3Status, SerializedFMUStateSize, fmi3Instance instance, fmi3FMUS
 }
 
 MRD_FUNCTION(fmi3Status, SerializeFMUState, fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size) {
-    mrd_instance *of = (mrd_instance *)instance;
-    if (FMUState == NULL || size < mrd_fmu_stored_size()) {
-        return mrd_fail(&of->logger, "fmi3SerializeFMUState", "there is no state, or the buffer is too short for it");
-    }
-    mrd_fmu_store((const mrd_fmu *)FMUState, serializedState);
-    return fmi3OK;
+    return mrd_status(mrd_fmu_store((mrd_fmu_instance *)instance, "fmi3SerializeFMUState", FMUState, serializedState, size));
 }
 
 MRD_FUNCTION(fmi3Status, DeserializeFMUState, fmi3Instance instance, const fmi3Byte serializedState[], size_t size,
              fmi3FMUState *FMUState) {
-    mrd_instance *of = (mrd_instance *)instance;
-    mrd_fmu *own = (mrd_fmu *)malloc(sizeof *own);
-    const char *fault = own == NULL ? "there is no memory" : mrd_fmu_restore(own, serializedState, size);
-    if (fault != NULL) {
-        free(own);
-        return mrd_fail(&of->logger, "fmi3DeserializeFMUState", fault);
-    }
-    free(*FMUState);
-    *FMUState = own;
-    return fmi3OK;
+    return mrd_status(mrd_fmu_restore((mrd_fmu_instance *)instance, "fmi3DeserializeFMUState", serializedState, size, FMUState));
 }
 
 /* Not supported, for which `why` is the reason: other interface types, other types of variables, clocks, derivatives. */
 #define MRD_REFUSES(why, name, ...)                                                                                              \
     MRD_FUNCTION(fmi3Status, name, __VA_ARGS__) {                                                                                \
-        return mrd_fail(&((mrd_instance *)instance)->logger, "fmi3" #name, why);                                                 \
+        return mrd_result((mrd_fmu_instance *)instance, "fmi3" #name, why);                                                      \
     }
 
 /* Arguments that are not used. */
@@ -367,7 +268,7 @@ MRD_REFUSES(MRD_NO_TYPE, GetUInt16, MRD_WHICH, fmi3UInt16 values[], size_t nValu
 MRD_REFUSES(MRD_NO_TYPE, SetUInt16, MRD_WHICH, const fmi3UInt16 values[], size_t nValues)
 MRD_REFUSES(MRD_NO_TYPE, GetInt32, MRD_WHICH, fmi3Int32 values[], size_t nValues)
 MRD_REFUSES(MRD_NO_TYPE, SetInt32, MRD_WHICH, const fmi3Int32 values[], size_t nValues)
-MRD_REFUSES("flags are an output", SetUInt32, MRD_WHICH, const fmi3UInt32 values[], size_t nValues)
+MRD_REFUSES("all variables of type UInt32 are outputs", SetUInt32, MRD_WHICH, const fmi3UInt32 values[], size_t nValues)
 MRD_REFUSES(MRD_NO_TYPE, GetInt64, MRD_WHICH, fmi3Int64 values[], size_t nValues)
 MRD_REFUSES(MRD_NO_TYPE, SetInt64, MRD_WHICH, const fmi3Int64 values[], size_t nValues)
 MRD_REFUSES(MRD_NO_TYPE, GetUInt64, MRD_WHICH, fmi3UInt64 values[], size_t nValues)
@@ -401,6 +302,7 @@ MRD_REFUSES(MRD_NO_STRUCTURE, EnterConfigurationMode, fmi3Instance instance)
 MRD_REFUSES(MRD_NO_STRUCTURE, ExitConfigurationMode, fmi3Instance instance)
 
 #define MRD_NO_CLOCKS "this FMU has no event mode and no clocks"
+MRD_REFUSES("this FMU has no event mode, and is in step mode after initialization", EnterStepMode, fmi3Instance instance)
 MRD_REFUSES(MRD_NO_CLOCKS, EnterEventMode, fmi3Instance instance)
 MRD_REFUSES(MRD_NO_CLOCKS, GetIntervalDecimal, MRD_WHICH, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
 MRD_REFUSES(MRD_NO_CLOCKS, GetIntervalFraction, MRD_WHICH, fmi3UInt64 counters[], fmi3UInt64 resolutions[],

@@ -1,4 +1,4 @@
-/* @NAME@_fmu.h: what the FMI functions of all versions share: variables, state, and one step. */
+/* @NAME@_fmu.h: what the FMI functions of all versions share: variables, states, the order of calls, messages, and one step. */
 #ifndef MRD_FMU_H
 #define MRD_FMU_H
 
@@ -19,6 +19,9 @@ extern "C" {
 #define MRD_FMU_DRIVE 2U
 #define MRD_FMU_VELOCITY 3U
 #define MRD_FMU_TEMPERATURE 4U
+#if MRD_HAS_INVERSE
+#define MRD_FMU_REQUEST 5U
+#endif
 #define MRD_FMU_FORCE 11U
 #define MRD_FMU_READING 12U
 #define MRD_FMU_USED_DISPLACEMENT 13U
@@ -26,9 +29,27 @@ extern "C" {
 #define MRD_FMU_FLAGS 15U
 #define MRD_FMU_VALID 16U
 #define MRD_FMU_ACCEPTED 17U
+#if MRD_HAS_INVERSE
+#define MRD_FMU_CURRENT 21U
+#define MRD_FMU_REQUESTED 22U
+#define MRD_FMU_EXPECTED 23U
+#if MRD_HAS_ARRAYS
+#define MRD_FMU_ACHIEVABLE 24U
+#else
+#define MRD_FMU_LEAST 24U
+#define MRD_FMU_MOST 25U
+#endif
+#define MRD_FMU_LIMITED_BY 26U
+#define MRD_FMU_IS_COMMANDED 27U
+#define MRD_FMU_IS_ACHIEVABLE 28U
+#define MRD_FMU_IS_DISSIPATIVE 29U
+#if MRD_INVERSE_LEARNED
+#define MRD_FMU_IS_SUBSTITUTED 30U
+#endif
+#endif
 #define MRD_FMU_FIRST_PARAMETER 1000U
 
-/* Numbers of mrd_parameters. */
+/* Number of values in mrd_parameters. */
 #define MRD_FMU_NUMBERS @NUMBERS@
 
 typedef enum {
@@ -56,19 +77,36 @@ typedef struct {
     mrd_state damper;
 } mrd_fmu;
 
+/* Where the messages of an instance go: `send` calls the importer's logger. */
+typedef struct {
+    bool is_on;
+    void (*send)(const void *importer, const char *message);
+    const void *importer; /* what `send` needs */
+} mrd_fmu_logger;
+
+/* What the instances of all versions begin with. */
+typedef struct {
+    mrd_fmu_logger logger;
+    mrd_fmu fmu;
+} mrd_fmu_instance;
+
+/* The functions below that return bool do what the function of the standard called `function` does. They return false after they have
+   logged what is wrong. */
+
+/* Logs what is wrong. */
+void mrd_fmu_fail(const mrd_fmu_logger *to, const char *function, const char *what);
+void mrd_fmu_fail_at(const mrd_fmu_logger *to, const char *function, uint32_t reference, const char *what);
+
+/* True without a fault. */
+bool mrd_fmu_has_done(const mrd_fmu_logger *to, const char *function, const char *fault);
+
+/* Messages have the categories logStatusError and, in FMI 2.0, logAll. No category means all. */
+void mrd_fmu_set_logging(mrd_fmu_logger *of, bool is_on, const char *const categories[], size_t count);
+
 /* As after instantiation: start values, and the damper at rest. */
 void mrd_fmu_reset(mrd_fmu *fmu);
 
-/* True if there is an estimate. */
-bool mrd_fmu_is_valid(const mrd_fmu *fmu);
-
-/* The numbers of a floating-point variable, and how many; NULL if there is none with this reference. */
-double *mrd_fmu_numbers(mrd_fmu *fmu, uint32_t reference, size_t *count);
-
-/* Sets one number of an input or a parameter. Returns NULL, or what is wrong. */
-const char *mrd_fmu_set(mrd_fmu *fmu, uint32_t reference, size_t element, double value);
-
-/* From one mode to the next, or what is wrong. */
+/* From one mode to the next. Return NULL, or what is wrong. */
 const char *mrd_fmu_enter_initialization(mrd_fmu *fmu, double start_s);
 const char *mrd_fmu_exit_initialization(mrd_fmu *fmu);
 const char *mrd_fmu_terminate(mrd_fmu *fmu);
@@ -76,11 +114,41 @@ const char *mrd_fmu_terminate(mrd_fmu *fmu);
 /* One sample, whose readings are the inputs and whose time is `time_s`. Returns NULL, or what is wrong. */
 const char *mrd_fmu_step(mrd_fmu *fmu, double time_s, double step_s);
 
-/* Bytes of a stored state. */
+/* The numbers of floating-point variables, of which `references` has `variables`: the elements of the first, then those of the next. */
+bool mrd_fmu_get_numbers(mrd_fmu_instance *of, const char *function, const uint32_t references[], size_t variables, double values[],
+                         size_t count);
+bool mrd_fmu_set_numbers(mrd_fmu_instance *of, const char *function, const uint32_t references[], size_t variables,
+                         const double values[], size_t count);
+
+/* A variable that is an integer, and one that is true or false. */
+bool mrd_fmu_get_word(const mrd_fmu_instance *of, const char *function, uint32_t reference, uint32_t *value);
+bool mrd_fmu_get_truth(const mrd_fmu_instance *of, const char *function, uint32_t reference, bool *value);
+
+/* Copies of the state, and their bytes. */
+bool mrd_fmu_get_state(const mrd_fmu_instance *of, const char *function, void **state);
+bool mrd_fmu_set_state(mrd_fmu_instance *of, const char *function, const void *state);
+void mrd_fmu_free_state(void **state);
 size_t mrd_fmu_stored_size(void);
-void mrd_fmu_store(const mrd_fmu *fmu, unsigned char *bytes);
-/* Returns NULL, or what is wrong. */
-const char *mrd_fmu_restore(mrd_fmu *fmu, const unsigned char *bytes, size_t size);
+bool mrd_fmu_store(const mrd_fmu_instance *of, const char *function, const void *state, void *bytes, size_t size);
+bool mrd_fmu_restore(const mrd_fmu_instance *of, const char *function, const void *bytes, size_t size, void **state);
+
+/* The file of a version defines MRD_FMI(name), a function's whole name, and MRD_IS_STATIC if the functions are linked statically. */
+#define MRD_JOIN(a, b) a##b
+#define MRD_JOIN_BOTH(a, b) MRD_JOIN(a, b)
+#if defined(MRD_IS_STATIC)
+#define MRD_EXPORT
+#elif defined(_WIN32) || defined(__CYGWIN__)
+#define MRD_EXPORT __declspec(dllexport)
+#elif defined(__GNUC__)
+#define MRD_EXPORT __attribute__((visibility("default")))
+#else
+#define MRD_EXPORT
+#endif
+
+/* A function that importers call: declared before it is defined. */
+#define MRD_FUNCTION(type, name, ...)                                                                                            \
+    MRD_EXPORT type MRD_FMI(name)(__VA_ARGS__);                                                                                  \
+    MRD_EXPORT type MRD_FMI(name)(__VA_ARGS__)
 
 #ifdef __cplusplus
 }

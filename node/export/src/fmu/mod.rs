@@ -10,12 +10,18 @@
 //! | variable | causality | what |
 //! |---|---|---|
 //! | `displacement_m`, `current_a` or `command_voltage_v`, `velocity_m_s`, `case_temp_c` | input | those that the model needs |
+//! | `force_request_n` | input | with an inverse controller: the demanded force |
 //! | `force_n`, `reading_n`, `conditioned.*` | output | the estimate |
 //! | `flags`, `valid`, `accepted` | output | its reasons, whether there is a force, whether the displacement was accepted |
+//! | `command.*` | output | with an inverse controller: the commanded current, and what the model expects of it |
 //! | `parameters.*` | tunable parameter | each field of the parameters' structure |
 //!
 //! A communication step is one sample. The inputs are the readings at its communication point, whose time is rounded to 1 ns. The outputs
 //! after the step are the estimate for these readings. The step size may vary, and time must increase.
+//!
+//! At a step whose displacement is lost or refused, `command.current_a` is the current that goes to the safe one in silence.
+//! `command.limited_by` is an integer: an enumeration would need a class in Simulink before its port can be connected, and other importers
+//! have no enumerations.
 //!
 //! Source: Modelica Association, Functional Mock-up Interface, versions 3.0.2 and 2.0.5. The few types and prototypes that the C code needs
 //! are written in it, so that the FMU needs no header of the standard.
@@ -24,7 +30,9 @@ mod description;
 mod unit;
 
 use crate::error::ExportError;
-use crate::parameter::Shape;
+use crate::features::Features;
+use crate::fragment::resolve;
+use crate::parameter::{Shape, number};
 use crate::source::CSource;
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
@@ -191,29 +199,24 @@ impl<'a> Fmu<'a> {
 
     /// A file of C code with what depends on the model.
     fn finish(&self, text: &str) -> Result<String, ExportError> {
-        let (mut starts, mut inputs, mut places) = (String::new(), String::new(), String::new());
+        let mut features = Features::default();
+        features.set("HAS_INVERSE", self.source.has_inverse);
+        features.set("INVERSE_LEARNED", self.source.has_learned_inverse);
+        features.set("HAS_ARRAYS", self.version == FmiVersion::V3);
+        let (mut starts, mut inputs) = (String::new(), String::new());
         for input in description::inputs(self.source) {
             let (field, reference) = (input.field, input.reference);
-            let _ = writeln!(starts, "    fmu->input.{field} = {:?};", input.start);
-            let name = ["DISPLACEMENT", "DRIVE", "VELOCITY", "TEMPERATURE"][reference - 1];
+            let start = if input.start.is_nan() { "mrd_fmu_nan()".to_owned() } else { number(input.start) };
+            let _ = writeln!(starts, "    fmu->input.{field} = {start};");
+            let name = ["DISPLACEMENT", "DRIVE", "VELOCITY", "TEMPERATURE", "REQUEST"][reference - 1];
             let _ = write!(inputs, "    case MRD_FMU_{name}:\n        return &fmu->input.{field};\n");
         }
-        let mut first = 0;
-        for parameter in &self.source.parameters {
-            let count = parameter.shape.len();
-            // FMI 2.0 has no arrays.
-            let parts = if self.version == FmiVersion::V3 { vec![count] } else { vec![1; count] };
-            for part in parts {
-                let _ = writeln!(places, "    {{ {first}U, {part}U }},");
-                first += part;
-            }
-        }
-        let text = text
+        let (places, count) = self.places();
+        let text = resolve(text, &features)?
             .replace("@STARTS@", &starts)
             .replace("@INPUTS@", &inputs)
-            .replace("@PLACES@\n", &places)
             .replace("@PLACES@", &places)
-            .replace("@NUMBERS@", &format!("{first}U"))
+            .replace("@NUMBERS@", &format!("{count}U"))
             .replace("@TOKEN@", &self.token())
             .replace("@NAME@", &self.source.name);
         if let Some(at) = text.find('@') {
@@ -223,12 +226,24 @@ impl<'a> Fmu<'a> {
         Ok(self.source.named(&text))
     }
 
+    /// A line of C for each parameter, with its place among the numbers and its range, and the count of numbers.
+    fn places(&self) -> (String, usize) {
+        let (mut places, mut first) = (String::new(), 0);
+        for parameter in &self.source.parameters {
+            let count = parameter.shape.len();
+            let [least, most] = parameter.range.unwrap_or([f64::MIN, f64::MAX]).map(number);
+            // FMI 2.0 has no arrays.
+            let parts = if self.version == FmiVersion::V3 { vec![count] } else { vec![1; count] };
+            for part in parts {
+                let _ = writeln!(places, "    {{ {first}U, {part}U, {least}, {most} }},");
+                first += part;
+            }
+        }
+        (places, first)
+    }
+
     /// `documentation/index.html`.
     fn documentation(&self) -> String {
-        let mut rows = String::new();
-        for (bit, what) in FLAGS {
-            let _ = writeln!(rows, "<tr><td>{bit}</td><td>{what}</td></tr>");
-        }
         let mut parameters = String::new();
         for parameter in &self.source.parameters {
             let size = match parameter.shape {
@@ -244,12 +259,25 @@ impl<'a> Fmu<'a> {
                 description::escaped(&parameter.about)
             );
         }
+        let commands = match self.source.has_inverse {
+            true => include_str!("command.html").replace("@LIMITS@\n", &rows(&LIMITS)),
+            false => String::new(),
+        };
         include_str!("index.html")
             .replace("@TITLE@", &description::escaped(&self.source.title))
             .replace("@PROVENANCE@", &description::escaped(&self.source.provenance.join(" ")))
-            .replace("@FLAGS@\n", &rows)
+            .replace("@FLAGS@\n", &rows(&FLAGS))
+            .replace("@COMMANDS@\n", &commands)
             .replace("@PARAMETERS@\n", &parameters)
     }
+}
+
+/// The rows of a table of numbers and what they mean.
+fn rows(all: &[(u32, &str)]) -> String {
+    all.iter().fold(String::new(), |mut text, (number, what)| {
+        let _ = writeln!(text, "<tr><td>{number}</td><td>{what}</td></tr>");
+        text
+    })
 }
 
 /// The bits of `flags`.
@@ -263,4 +291,14 @@ const FLAGS: [(u32, &str); 9] = [
     (8192, "a case temperature has not been read yet"),
     (16_384, "a refused reading was beyond what its sensor can have"),
     (32_768, "a refused displacement would have needed too high a speed"),
+];
+
+/// The values of `command.limited_by`.
+const LIMITS: [(u32, &str); 6] = [
+    (0, "nothing"),
+    (1, "the damper is too soft at its largest current"),
+    (2, "the damper is too hard even without current"),
+    (3, "the largest rate of the current"),
+    (4, "passivity: the force would drive the rod"),
+    (5, "no demand, or the motion is not known: the current goes to the safe current"),
 ];

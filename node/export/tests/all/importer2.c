@@ -1,10 +1,8 @@
 /* An importer of an FMI 2.0 FMU for co-simulation, linked to its sources. Its arguments are the GUID, the value
-   reference of a parameter, and the value references of the inputs among the readings. It reads readings, and writes what the FMU gives.
+   reference of a parameter, and the value references of the inputs among the readings; with the fifth one, the FMU has an inverse
+   controller. It reads readings, and writes what the FMU gives.
    Types and prototypes are written after the standard, independently of the FMU. */
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include "importer.h"
 
 typedef struct {
     void (*logger)(void *environment, const char *name, int status, const char *category, const char *message, ...);
@@ -41,18 +39,7 @@ int fmi2GetStatus(void *, int, int *);
 int fmi2GetRealStatus(void *, int, double *);
 int fmi2GetBooleanStatus(void *, int, int *);
 
-#define OK 0
 #define DISCARD 2
-#define ERROR 3
-#define NEED(condition)                                                                                                          \
-    if (!(condition)) {                                                                                                          \
-        fprintf(stderr, "line %d: %s; last message: %s\n", __LINE__, #condition, message_of.text);                                \
-        return 1;                                                                                                                \
-    }
-
-typedef struct {
-    char text[300];
-} last_message;
 
 static void keep(void *environment, const char *name, int status, const char *category, const char *message, ...) {
     last_message *last = environment;
@@ -70,14 +57,40 @@ static int has_force(void *fmu, double *force) {
     return fmi2GetReal(fmu, &which, 1U, force);
 }
 
+/* Writes the command after a step. */
+static int get_command(void *fmu) {
+    const unsigned forces[5] = { 21U, 22U, 23U, 24U, 25U }, limited_by = 26U, which[3] = { 27U, 28U, 29U };
+    double numbers[5];
+    int limit = -1, is_true[3];
+    bool truths[3];
+    size_t k;
+    if (fmi2GetReal(fmu, forces, 5U, numbers) != OK || fmi2GetInteger(fmu, &limited_by, 1U, &limit) != OK || limit < 0
+        || fmi2GetBoolean(fmu, which, 3U, is_true) != OK) {
+        return ERROR;
+    }
+    for (k = 0U; k < 3U; k++) {
+        truths[k] = is_true[k] != 0;
+    }
+    write_command(numbers, (uint32_t)limit, truths);
+    return OK;
+}
+
+/* The commanded current, NaN if it cannot be read. */
+static double current_of(void *fmu) {
+    const unsigned current = 21U;
+    double value = 0.0;
+    return fmi2GetReal(fmu, &current, 1U, &value) == OK ? value : 0.0 / value;
+}
+
 int main(int count, char **arguments) {
     static last_message message_of;
     const callbacks calls = { keep, calloc, free, NULL, &message_of };
     const char *token = count > 2 ? arguments[1] : "";
     const unsigned parameter = count > 2 ? (unsigned)strtoul(arguments[2], NULL, 10) : 0U;
     const unsigned estimates[2] = { 11U, 12U }, flags = 15U, truths[2] = { 16U, 17U }, displacement = 1U;
-    unsigned inputs[4];
-    size_t channels[4], k, n = 0U, size = 0U;
+    unsigned inputs[5];
+    bool has_inverse = false;
+    size_t channels[5], k, n = 0U, size = 0U;
     const char *own_category = "logStatusError", *other_category = "logEvents";
     void *fmu, *state = NULL, *copy = NULL;
     char *bytes;
@@ -122,14 +135,26 @@ int main(int count, char **arguments) {
     NEED(fmi2Reset(fmu) == OK && fmi2GetReal(fmu, &parameter, 1U, &again) == OK && again == value);
     NEED(fmi2EnterInitializationMode(fmu) == OK && fmi2ExitInitializationMode(fmu) == OK);
 
-    for (k = 3U; k < (size_t)count && n < 4U; k++) {
+    for (k = 3U; k < (size_t)count && n < 5U && strchr(arguments[k], '=') == NULL; k++) {
         inputs[n] = (unsigned)strtoul(arguments[k], NULL, 10);
         channels[n] = inputs[n] - 1U;
+        has_inverse = has_inverse || inputs[n] == 5U;
         n++;
     }
+    /* Without an inverse controller there is no such output. */
+    NEED(has_inverse == (current_of(fmu) >= 0.0));
+    if (has_inverse) {
+        /* Before the first step the current is the safe one within the limits, also if these are changed. */
+        const unsigned safe = named(count, arguments, "safe="), most = named(count, arguments, "most=");
+        const double safe_a = 0.7, most_a = 0.4, negative_a = -1.0;
+        NEED(fmi2SetReal(fmu, &safe, 1U, &safe_a) == OK && current_of(fmu) == safe_a);
+        NEED(fmi2SetReal(fmu, &most, 1U, &most_a) == OK && current_of(fmu) == most_a);
+        NEED(fmi2SetReal(fmu, &most, 1U, &negative_a) == ERROR && strstr(message_of.text, "min") != NULL);
+        NEED(current_of(fmu) == most_a && fmi2Reset(fmu) == OK && current_of(fmu) >= 0.0);
+        NEED(fmi2EnterInitializationMode(fmu) == OK && fmi2ExitInitializationMode(fmu) == OK);
+    }
     while (fread(&time_ns, sizeof time_ns, 1, stdin) == 1 && fread(given, sizeof given, 1, stdin) == 1) {
-        double values[4], numbers[2];
-        unsigned words[2];
+        double values[5], numbers[2];
         int is_true[2], found;
         for (k = 0U; k < n; k++) {
             values[k] = given[channels[k]];
@@ -140,10 +165,8 @@ int main(int count, char **arguments) {
         NEED(fmi2GetInteger(fmu, &flags, 1U, &found) == OK);
         NEED(fmi2GetBoolean(fmu, truths, 2U, is_true) == OK);
         NEED((is_true[0] != 0) == (numbers[0] == numbers[0]));
-        words[0] = is_true[1] != 0 ? 1U : 0U;
-        words[1] = (unsigned)found;
-        fwrite(words, sizeof words, 1, stdout);
-        fwrite(numbers, sizeof numbers, 1, stdout);
+        write_estimate(is_true[1] != 0, (uint32_t)found, numbers);
+        NEED(!has_inverse || get_command(fmu) == OK);
     }
 
     /* Time does not go back without a state; from a state, and from its bytes, the same step gives the same force. */
@@ -165,6 +188,22 @@ int main(int count, char **arguments) {
     bytes[3] = (char)(bytes[3] + 1);
     NEED(fmi2DeSerializeFMUstate(fmu, bytes, size, &copy) == ERROR && fmi2DeSerializeFMUstate(fmu, bytes, 3U, &copy) == ERROR);
     NEED(fmi2FreeFMUstate(fmu, &state) == OK && fmi2FreeFMUstate(fmu, &copy) == OK && state == NULL && copy == NULL);
+    if (has_inverse) {
+        /* In a long silence the current reaches the safe one. */
+        const unsigned safe = named(count, arguments, "safe="), most = named(count, arguments, "most="), request = 5U;
+        const double safe_a = 0.8, most_a = 0.4, from_s = (double)time_ns * 1e-9 + 20.0, zero = 0.0;
+        NEED(fmi2SetReal(fmu, &safe, 1U, &safe_a) == OK && fmi2SetReal(fmu, &request, 1U, &nan) == OK);
+        NEED(fmi2SetReal(fmu, &displacement, 1U, &nan) == OK && step(fmu, from_s, 1e-3) == OK);
+        NEED(current_of(fmu) > safe_a - 1e-9 && current_of(fmu) < safe_a + 1e-9);
+        NEED(fmi2SetReal(fmu, &displacement, 1U, &value) == OK && step(fmu, from_s + 1e-3, 1e-3) == OK);
+        NEED(current_of(fmu) > safe_a - 1e-9 && current_of(fmu) < safe_a + 1e-9);
+        /* A largest current that is lowered holds at the next step, without a displacement and with one. */
+        NEED(fmi2SetReal(fmu, &most, 1U, &most_a) == OK);
+        NEED(fmi2SetReal(fmu, &displacement, 1U, &nan) == OK && step(fmu, from_s + 2e-3, 1e-3) == OK);
+        NEED(current_of(fmu) == most_a);
+        NEED(fmi2SetReal(fmu, &displacement, 1U, &value) == OK && fmi2SetReal(fmu, &request, 1U, &zero) == OK);
+        NEED(step(fmu, from_s + 3e-3, 1e-3) == OK && current_of(fmu) >= 0.0 && current_of(fmu) <= most_a);
+    }
     NEED(fmi2Terminate(fmu) == OK && fmi2Terminate(fmu) == ERROR);
     NEED(fmi2SetReal(fmu, &displacement, 1U, &value) == ERROR && step(fmu, 1e6, 1.0) == ERROR);
     free(bytes);

@@ -1,11 +1,8 @@
 /* An importer of an FMI 3.0 FMU for co-simulation, linked to its sources. Its arguments are the instantiation token, the value
-   reference of a parameter, and the value references of the inputs among the readings. It reads readings, and writes what the FMU gives.
+   reference of a parameter, and the value references of the inputs among the readings; with the fifth one, the FMU has an inverse
+   controller. It reads readings, and writes what the FMU gives.
    Types and prototypes are written after the standard, independently of the FMU. */
-#include <stdbool.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include "importer.h"
 
 typedef void (*log_callback)(void *environment, int status, const char *category, const char *message);
 const char *fmi3GetVersion(void);
@@ -34,18 +31,6 @@ int fmi3SerializeFMUState(void *, void *, uint8_t[], size_t);
 int fmi3DeserializeFMUState(void *, const uint8_t[], size_t, void **);
 int fmi3DoStep(void *, double, double, bool, bool *, bool *, bool *, double *);
 
-#define OK 0
-#define ERROR 3
-#define NEED(condition)                                                                                                          \
-    if (!(condition)) {                                                                                                          \
-        fprintf(stderr, "line %d: %s; last message: %s\n", __LINE__, #condition, message_of.text);                                \
-        return 1;                                                                                                                \
-    }
-
-typedef struct {
-    char text[300];
-} last_message;
-
 static void keep(void *environment, int status, const char *category, const char *message) {
     last_message *last = environment;
     if (status == ERROR && strcmp(category, "logStatusError") == 0) {
@@ -68,13 +53,35 @@ static int has_force(void *fmu, double *force) {
     return fmi3GetFloat64(fmu, &which, 1U, force, 1U);
 }
 
+/* Writes the command after a step. */
+static int get_command(void *fmu) {
+    const uint32_t forces[4] = { 21U, 22U, 23U, 24U }, limited_by = 26U, which[3] = { 27U, 28U, 29U };
+    double numbers[5];
+    bool truths[3];
+    uint32_t limit;
+    if (fmi3GetFloat64(fmu, forces, 4U, numbers, 5U) != OK || fmi3GetUInt32(fmu, &limited_by, 1U, &limit, 1U) != OK
+        || fmi3GetBoolean(fmu, which, 3U, truths, 3U) != OK) {
+        return ERROR;
+    }
+    write_command(numbers, limit, truths);
+    return OK;
+}
+
+/* The commanded current, NaN if it cannot be read. */
+static double current_of(void *fmu) {
+    const uint32_t current = 21U;
+    double value = 0.0;
+    return fmi3GetFloat64(fmu, &current, 1U, &value, 1U) == OK ? value : 0.0 / value;
+}
+
 int main(int count, char **arguments) {
     static last_message message_of;
     const char *token = count > 2 ? arguments[1] : "";
     const uint32_t parameter = count > 2 ? (uint32_t)strtoul(arguments[2], NULL, 10) : 0U;
     const uint32_t estimates[2] = { 11U, 12U }, flags = 15U, truths[2] = { 16U, 17U }, displacement = 1U;
-    uint32_t inputs[4];
-    size_t channels[4], k, n = 0U, size = 0U;
+    uint32_t inputs[5];
+    bool has_inverse = false;
+    size_t channels[5], k, n = 0U, size = 0U;
     const char *own_category = "logStatusError", *other_category = "logEvents";
     void *fmu, *state = NULL, *copy = NULL;
     uint8_t *bytes;
@@ -120,14 +127,29 @@ int main(int count, char **arguments) {
     NEED(fmi3Reset(fmu) == OK && fmi3GetFloat64(fmu, &parameter, 1U, &again, 1U) == OK && again == value);
     NEED(fmi3EnterInitializationMode(fmu, false, 0.0, 0.0, false, 0.0) == OK && fmi3ExitInitializationMode(fmu) == OK);
 
-    for (k = 3U; k < (size_t)count && n < 4U; k++) {
+    for (k = 3U; k < (size_t)count && n < 5U && strchr(arguments[k], '=') == NULL; k++) {
         inputs[n] = (uint32_t)strtoul(arguments[k], NULL, 10);
         channels[n] = inputs[n] - 1U;
+        has_inverse = has_inverse || inputs[n] == 5U;
         n++;
     }
+    /* Without an inverse controller there is no such output. */
+    NEED(has_inverse == (current_of(fmu) >= 0.0));
+    /* In FMI 3.0 the achievable range is one array. */
+    NEED(fmi3GetFloat64(fmu, (const uint32_t[1]){ 25U }, 1U, &again, 1U) == ERROR);
+    if (has_inverse) {
+        /* Before the first step the current is the safe one within the limits, also if these are changed. */
+        const uint32_t safe = named(count, arguments, "safe="), most = named(count, arguments, "most=");
+        const double safe_a = 0.7, most_a = 0.4, negative_a = -1.0;
+        NEED(fmi3SetFloat64(fmu, &safe, 1U, &safe_a, 1U) == OK && current_of(fmu) == safe_a);
+        NEED(fmi3SetFloat64(fmu, &most, 1U, &most_a, 1U) == OK && current_of(fmu) == most_a);
+        NEED(fmi3SetFloat64(fmu, &most, 1U, &negative_a, 1U) == ERROR && strstr(message_of.text, "min") != NULL);
+        NEED(current_of(fmu) == most_a && fmi3Reset(fmu) == OK && current_of(fmu) >= 0.0);
+        NEED(fmi3EnterInitializationMode(fmu, false, 0.0, 0.0, false, 0.0) == OK && fmi3ExitInitializationMode(fmu) == OK);
+    }
     while (fread(&time_ns, sizeof time_ns, 1, stdin) == 1 && fread(given, sizeof given, 1, stdin) == 1) {
-        double values[4], numbers[2];
-        uint32_t words[2];
+        double values[5], numbers[2];
+        uint32_t found;
         bool is_true[2];
         for (k = 0U; k < n; k++) {
             values[k] = given[channels[k]];
@@ -135,12 +157,11 @@ int main(int count, char **arguments) {
         NEED(fmi3SetFloat64(fmu, inputs, n, values, n) == OK);
         NEED(step(fmu, (double)time_ns * 1e-9, 1e-3) == OK);
         NEED(fmi3GetFloat64(fmu, estimates, 2U, numbers, 2U) == OK);
-        NEED(fmi3GetUInt32(fmu, &flags, 1U, &words[1], 1U) == OK);
+        NEED(fmi3GetUInt32(fmu, &flags, 1U, &found, 1U) == OK);
         NEED(fmi3GetBoolean(fmu, truths, 2U, is_true, 2U) == OK);
         NEED(is_true[0] == (numbers[0] == numbers[0]));
-        words[0] = is_true[1] ? 1U : 0U;
-        fwrite(words, sizeof words, 1, stdout);
-        fwrite(numbers, sizeof numbers, 1, stdout);
+        write_estimate(is_true[1], found, numbers);
+        NEED(!has_inverse || get_command(fmu) == OK);
     }
 
     /* Time does not go back without a state; from a state, and from its bytes, the same step gives the same force. */
@@ -162,6 +183,22 @@ int main(int count, char **arguments) {
     bytes[3] ^= 1U;
     NEED(fmi3DeserializeFMUState(fmu, bytes, size, &copy) == ERROR && fmi3DeserializeFMUState(fmu, bytes, 3U, &copy) == ERROR);
     NEED(fmi3FreeFMUState(fmu, &state) == OK && fmi3FreeFMUState(fmu, &copy) == OK && state == NULL && copy == NULL);
+    if (has_inverse) {
+        /* In a long silence the current reaches the safe one. */
+        const uint32_t safe = named(count, arguments, "safe="), most = named(count, arguments, "most="), request = 5U;
+        const double safe_a = 0.8, most_a = 0.4, from_s = (double)time_ns * 1e-9 + 20.0, zero = 0.0;
+        NEED(fmi3SetFloat64(fmu, &safe, 1U, &safe_a, 1U) == OK && fmi3SetFloat64(fmu, &request, 1U, &nan, 1U) == OK);
+        NEED(fmi3SetFloat64(fmu, &displacement, 1U, &nan, 1U) == OK && step(fmu, from_s, 1e-3) == OK);
+        NEED(current_of(fmu) > safe_a - 1e-9 && current_of(fmu) < safe_a + 1e-9);
+        NEED(fmi3SetFloat64(fmu, &displacement, 1U, &value, 1U) == OK && step(fmu, from_s + 1e-3, 1e-3) == OK);
+        NEED(current_of(fmu) > safe_a - 1e-9 && current_of(fmu) < safe_a + 1e-9);
+        /* A largest current that is lowered holds at the next step, without a displacement and with one. */
+        NEED(fmi3SetFloat64(fmu, &most, 1U, &most_a, 1U) == OK);
+        NEED(fmi3SetFloat64(fmu, &displacement, 1U, &nan, 1U) == OK && step(fmu, from_s + 2e-3, 1e-3) == OK);
+        NEED(current_of(fmu) == most_a);
+        NEED(fmi3SetFloat64(fmu, &displacement, 1U, &value, 1U) == OK && fmi3SetFloat64(fmu, &request, 1U, &zero, 1U) == OK);
+        NEED(step(fmu, from_s + 3e-3, 1e-3) == OK && current_of(fmu) >= 0.0 && current_of(fmu) <= most_a);
+    }
     NEED(fmi3Terminate(fmu) == OK && fmi3Terminate(fmu) == ERROR);
     NEED(fmi3SetFloat64(fmu, &displacement, 1U, &value, 1U) == ERROR && step(fmu, 1e6, 1.0) == ERROR);
     free(bytes);

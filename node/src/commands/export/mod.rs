@@ -52,8 +52,8 @@ pub struct Args {
     float: bool,
     /// Also write the inverse controller, which commands a coil current for a requested force. The current comes from a
     /// search on the model, from a function fitted to the model (polynomial, fuzzy), or from a learned inverse, which
-    /// identify --inverse puts into the model file (chen, wang-liao, wang-hu). Only in the files of --c.
-    #[arg(long, value_name = "METHOD", requires = "c",
+    /// identify --inverse puts into the model file (chen, wang-liao, wang-hu).
+    #[arg(long, value_name = "METHOD",
           value_parser = ["search", "polynomial", "fuzzy", "chen", "wang-liao", "wang-hu"])]
     inverse: Option<String>,
     /// Largest current of the inverse, A.
@@ -62,7 +62,8 @@ pub struct Args {
     /// Largest rate of change of the inverse's current, A/s; by default it is not limited.
     #[arg(long, value_name = "A/S", requires = "inverse")]
     rate_max: Option<f64>,
-    /// Also write test vectors to this file. With --fmu, their time increases, as in a simulation.
+    /// Also write test vectors to this file. With --fmu, their time increases, as in a simulation; with --inverse, too, their gaps are
+    /// filled with samples without readings.
     #[arg(long, value_name = "FILE.csv")]
     vectors: Option<PathBuf>,
     /// Number of test vectors.
@@ -136,11 +137,12 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             export = export.provenance(line);
         }
     }
-    let estimator = export.clone();
     if let Some(parts) = &inverse {
         export = export.inverse(parts);
     }
     let mut source = written_from(&export)?;
+    // The size in a control unit does not concern a simulator.
+    let simulated = source.clone();
     if args.c.is_some() {
         for line in compilers::footprint(&source)? {
             export = export.provenance(line);
@@ -158,8 +160,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     if let Some(path) = &args.fmu {
         let version = FmiVersion::named(&args.fmi).unwrap_or_default();
-        let estimator = written_from(&estimator)?;
-        let fmu = Fmu::new(&estimator, version);
+        let fmu = Fmu::new(&simulated, version);
         let binary = compilers::fmu_binary(&fmu, version, context)?;
         write_bytes(path, &fmu.archive(binary.as_deref())?)?;
         written.push(path.clone());
@@ -168,6 +169,9 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         let mut readings = vectors::readings(&model, args.vector_count as usize, 1);
         if args.fmu.is_some() {
             readings = vectors::increasing(readings);
+            if inverse.is_some() {
+                readings = vectors::with_lost_samples(readings);
+            }
         }
         let text = match &inverse {
             Some(parts) => {
