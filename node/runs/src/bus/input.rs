@@ -169,7 +169,7 @@ impl Inputs {
     /// Uses only frames that pass `check`, of the message that it names.
     ///
     /// # Errors
-    /// When the check does not fit the message, or the message holds no input or has a check already.
+    /// When the check does not fit the message, or the message holds no input or has a check already. The inputs are then unchanged.
     pub fn check(&mut self, check: &InputCheck) -> Result<(), BusError> {
         let of = self.database.message(&check.text, &check.message)?;
         let name = of.name.clone();
@@ -178,10 +178,11 @@ impl Inputs {
         let Some(message) = self.messages.iter_mut().find(|known| known.id == id) else {
             return Err(BusError::Unused { text, message: name });
         };
-        match message.protection.replace(protection) {
-            None => Ok(()),
-            Some(_) => Err(BusError::Twice { text, name }),
+        if message.protection.is_some() {
+            return Err(BusError::Twice { text, name });
         }
+        message.protection = Some(protection);
+        Ok(())
     }
 
     /// Identifiers of the messages that hold inputs.

@@ -124,6 +124,16 @@ fn frames_that_do_not_pass_give_no_value() {
     assert_eq!(take(&mut inputs, 288, &[0x30, 0x75, 0, 0, 0, 0, CRC_300, 4]), (Ok((0, 1)), vec![]));
 }
 
+#[test]
+fn a_second_check_of_a_message_is_refused_and_the_first_one_stays() {
+    let mut inputs = inputs(&["displacement=Position"], &["SUSP_FL,checksum=Crc"]).expect("it fits");
+    let second: InputCheck = "SUSP_FL,counter=Alive".parse().expect("a form");
+    let error = inputs.check(&second).expect_err("twice").to_string();
+    assert!(error.contains("SUSP_FL is given twice"), "{error}");
+    let wrong = [0x10, 0x27, 0, 0, 0, 0, CRC_1 ^ 1, 1];
+    assert_eq!(inputs.take(id(288), &wrong, |_| {}), Err(Refusal::Checksum));
+}
+
 /// Checksums by crccheck 1.3.1, `Crc8SaeJ1850.calc`, of the other seven bytes.
 const CRC_1: u8 = 0x49;
 const CRC_3: u8 = 0x73;
