@@ -4,7 +4,7 @@ use mr_damper_model::Error;
 use mr_damper_model::condition::VelocitySource;
 use mr_damper_model::effect::Need;
 use mr_damper_model::inverse::CurrentCommand;
-use mr_damper_model::model::Model;
+use mr_damper_model::model::{Envelope, Model};
 use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce};
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
@@ -255,6 +255,12 @@ fn run(
     // Without bumpless transfer the estimate is the model's force.
     let settings = Settings { use_measured_force: UseForce::Never, bumpless_tau_s: 0.0, ..settings };
     let mut pipeline = Pipeline::new(Models { free: *model, seeded: None }, settings)?;
+    // Without a force of the model the service holds the last one, and flags it if it is beyond the training data. The code holds no force.
+    let unranged = Model { envelope: Envelope { force_n: None, ..model.envelope }, ..*model };
+    let mut holds = match model.envelope.force_n {
+        Some(_) => Some(Pipeline::new(Models { free: unranged, seeded: None }, settings)?),
+        None => None,
+    };
     let drive_kind = model.force.drive();
     let mut all = Vec::with_capacity(readings.len());
     let (mut accepted_ns, mut last_a) = (None, None);
@@ -274,15 +280,23 @@ fn run(
         let mut own = Expected { accepted: false, force_n: f64::NAN, reading_n: f64::NAN, flags: refused };
         let mut command = None;
         for reading in channels.into_iter().flatten() {
-            pipeline.step(&Sample { stamp, received: stamp, reading }, &mut |event| match event {
+            let sample = Sample { stamp, received: stamp, reading };
+            let mut held = None;
+            if let Some(holds) = &mut holds {
+                holds.step(&sample, &mut |event| {
+                    if let Event::Estimate(estimate) = event {
+                        held = Some(estimate.reasons);
+                    }
+                });
+            }
+            pipeline.step(&sample, &mut |event| match event {
                 Event::Estimate(estimate) => {
-                    let force_n = if estimate.mode == Mode::Model { estimate.force.get() } else { f64::NAN };
-                    own = Expected {
-                        accepted: true,
-                        force_n,
-                        reading_n: f64::NAN,
-                        flags: estimate.reasons.0 & SHARED,
+                    let (force_n, reasons) = match estimate.mode {
+                        Mode::Model => (estimate.force.get(), estimate.reasons),
+                        _ => (f64::NAN, held.unwrap_or(estimate.reasons)),
                     };
+                    own =
+                        Expected { accepted: true, force_n, reading_n: f64::NAN, flags: reasons.0 & SHARED };
                 }
                 Event::Residual(residual) if residual.stamp == stamp => {
                     own.reading_n = residual.predicted.get()

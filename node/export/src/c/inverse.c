@@ -49,6 +49,7 @@ static double mrd_rate_max_a_s(const mrd_parameters *p) {
     return p->inverse_rate_max_a_s > 0.0 ? p->inverse_rate_max_a_s : mrd_infinity();
 }
 
+/* Before each command. A largest current that was lowered holds at once, also for the command before, from which the rate is limited. */
 static void mrd_begin(const mrd_parameters *p, mrd_inverse *s) {
     if (!s->has_begun) {
         s->has_begun = true;
@@ -56,6 +57,8 @@ static void mrd_begin(const mrd_parameters *p, mrd_inverse *s) {
         s->target_a = s->last_a;
         s->fluid_a = s->last_a;
     }
+    s->last_a = mrd_min(s->last_a, p->inverse_current_max_a);
+    s->target_a = mrd_min(s->target_a, p->inverse_current_max_a);
 }
 
 /* Goes towards the safe current. */

@@ -288,16 +288,6 @@ static bool mrd_fmu_to_ns(double time_s, int64_t *time_ns) {
     return true;
 }
 
-#if MRD_HAS_INVERSE
-/* As in the service, a largest current that was lowered holds at once: also for the command before, from which the rate is limited. */
-static void mrd_fmu_lower_current(mrd_fmu *fmu) {
-    const double most_a = fmu->parameters.named.inverse_current_max_a;
-    mrd_inverse *inverse = &fmu->damper.inverse;
-    inverse->last_a = inverse->last_a > most_a ? most_a : inverse->last_a;
-    inverse->target_a = inverse->target_a > most_a ? most_a : inverse->target_a;
-}
-
-#endif
 const char *mrd_fmu_step(mrd_fmu *fmu, double time_s, double step_s) {
     int64_t time_ns;
     if (fmu->mode != MRD_FMU_STEPPING) {
@@ -314,9 +304,6 @@ const char *mrd_fmu_step(mrd_fmu *fmu, double time_s, double step_s) {
     }
     fmu->input.time_ns = time_ns;
     fmu->has_stepped = true;
-#if MRD_HAS_INVERSE
-    mrd_fmu_lower_current(fmu);
-#endif
     fmu->accepted = mrd_step(&fmu->parameters.named, &fmu->damper, &fmu->input, &fmu->output);
 #if MRD_HAS_INVERSE
     if (!fmu->accepted) {

@@ -231,6 +231,9 @@ pub(crate) fn conditionings() -> Vec<Case> {
     }
     let envelope = Envelope { displacement_m: Some([-0.01, 0.01]), ..Envelope::default() };
     all.push(("one range".to_owned(), Model { envelope, ..fuzzy_tanh() }));
+    // The service also flags a force that it holds.
+    let envelope = Envelope { force_n: Some([-300.0, 300.0]), ..Envelope::default() };
+    all.push(("a range of forces".to_owned(), Model { envelope, ..fuzzy_tanh() }));
     all
 }
 
