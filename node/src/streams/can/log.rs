@@ -1,21 +1,44 @@
 //! A log of frames that is played as a bus: `file:drive.log[,bus=can1][,out=sent.log]`.
 //!
 //! Frames arrive with the spacing that they have in the log, and their stamps have exactly this spacing, so estimates equal the
-//! offline ones. Sent frames are written to the log `out`, as candump writes them. A thread reads the log ahead, so it may be of any length.
+//! offline ones. Sent frames are written to the log `out`, as candump writes them. Dampers of one process may name the same log `out`; it
+//! then has the frames of all, line by line. A thread reads the log ahead, so it may be of any length.
 
 use super::{Arrival, BusFault, CanBus, CanError, Frame, FrameReceiver, FrameSender, SendFault};
 use mr_damper_base::clock::system_now;
 use mr_damper_model::sample::Stamp;
 use mr_damper_runs::bus::{CanId, candump_line, read_log};
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 /// Frames that are read ahead.
 const AHEAD: usize = 1024;
+
+/// The logs of sent frames that this process writes, by their absolute paths.
+static WRITTEN: Mutex<BTreeMap<PathBuf, Weak<File>>> = Mutex::new(BTreeMap::new());
+
+/// The log of sent frames at `path`: a new file, or the one that another bus of this process has created and still writes.
+///
+/// # Errors
+/// When the file cannot be created. An existing file is never overwritten.
+fn written(path: &str) -> io::Result<Arc<File>> {
+    let key = std::path::absolute(path)?;
+    // A poisoned lock is harmless: an entry is there or not.
+    let mut all = WRITTEN.lock().unwrap_or_else(PoisonError::into_inner);
+    all.retain(|_, file| file.strong_count() > 0);
+    if let Some(file) = all.get(&key).and_then(Weak::upgrade) {
+        return Ok(file);
+    }
+    // The system appends each line as a whole, so senders need no lock.
+    let file = Arc::new(File::options().append(true).create_new(true).open(path)?);
+    all.insert(key, Arc::downgrade(&file));
+    Ok(file)
+}
 
 /// A log to play, and a log to write.
 pub(super) struct LogBus {
@@ -25,7 +48,7 @@ pub(super) struct LogBus {
     /// Path of the log of sent frames.
     out: Option<String>,
     /// That log, once the first sender has created it.
-    created: Mutex<Option<Arc<Mutex<File>>>>,
+    created: Mutex<Option<Arc<File>>>,
 }
 
 impl LogBus {
@@ -85,9 +108,8 @@ impl CanBus for LogBus {
         let out = match &*created {
             Some(out) => Arc::clone(out),
             None => {
-                // An existing file is never overwritten.
-                let file = File::create_new(&path).map_err(|why| CanError::Out { path, why })?;
-                Arc::clone(created.insert(Arc::new(Mutex::new(file))))
+                let file = written(&path).map_err(|why| CanError::Out { path, why })?;
+                Arc::clone(created.insert(file))
             }
         };
         Ok(Box::new(LogSender { out }))
@@ -132,14 +154,52 @@ impl FrameReceiver for LogReceiver {
 
 /// Appends sent frames to a log.
 struct LogSender {
-    out: Arc<Mutex<File>>,
+    out: Arc<File>,
 }
 
 impl FrameSender for LogSender {
     fn send(&mut self, id: CanId, data: &[u8]) -> Result<(), SendFault> {
         let line = candump_line(system_now().nanos(), "out", id, data);
-        // A poisoned lock is harmless: lines are written as a whole.
-        let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
-        out.write_all(line.as_bytes()).map_err(|_| SendFault::Failed)
+        (&*self.out).write_all(line.as_bytes()).map_err(|_| SendFault::Failed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_buses_of_a_process_write_one_log_line_by_line() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let path = |name: &str| dir.path().join(name).display().to_string();
+        let (played, out) = (path("drive.log"), path("sent.log"));
+        std::fs::write(&played, "(0.000000000) can0 120#00\n").expect("written");
+        let bus = |out: &str| LogBus::new("file:x", &format!("{played},out={out}")).expect("a bus");
+        // The same file by two spellings.
+        let buses = [bus(&out), bus(&path("./sent.log"))];
+        let mut senders = buses.each_ref().map(|bus| bus.sender().expect("the log is created or shared"));
+        let lines = 500;
+        std::thread::scope(|scope| {
+            for (sender, id) in senders.iter_mut().zip([0x121, 0x122]) {
+                scope.spawn(move || {
+                    let id = CanId::new(id, false).expect("in range");
+                    (0..lines).for_each(|_| sender.send(id, &[7; 64]).expect("sent"));
+                });
+            }
+        });
+        let text = std::fs::read_to_string(&out).expect("sent frames");
+        for id in ["121", "122"] {
+            let ending = format!(" out {id}##1{}", "07".repeat(64));
+            assert_eq!(text.lines().filter(|line| line.ends_with(&ending)).count(), lines, "{id}");
+        }
+        assert_eq!(text.lines().count(), 2 * lines);
+        // A log that nobody writes any more is not continued.
+        drop((senders, buses));
+        let error = bus(&out).sender().map(drop).expect_err("it exists").to_string();
+        assert!(
+            error.contains(&format!("cannot create {out}: ")) && error.contains("does not exist yet"),
+            "{error}"
+        );
+        assert_eq!(std::fs::read_to_string(&out).expect("unchanged"), text);
     }
 }

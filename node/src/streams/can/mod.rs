@@ -184,7 +184,7 @@ pub enum CanError {
         interface: String,
     },
     /// The log of sent frames cannot be written.
-    #[error("can.interface: cannot create {path}: {why}")]
+    #[error("can.interface: cannot create {path}: {why}; name with out= a log that does not exist yet")]
     Out {
         /// The file.
         path: String,
