@@ -107,7 +107,7 @@ pub const fn size(source: &CSource) -> usize {
     if source.has_inverse { 80 } else { 24 }
 }
 
-/// What the driver wrote for one sample; `None` if `bytes` has fewer than its 24 bytes.
+/// The driver's result for one sample; `None` if `bytes` has fewer than its 24 bytes.
 #[must_use]
 pub fn parse(bytes: &[u8]) -> Option<Expected> {
     let (&[accepted, flags], _) = bytes.as_chunks::<4>().0.split_first_chunk::<2>()?;

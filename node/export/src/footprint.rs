@@ -1,4 +1,4 @@
-//! What the code takes on a processor: flash, state and stack, from the files that GCC writes beside an object.
+//! Memory that the code needs on a processor: flash, state and stack, from the files that GCC writes beside an object.
 
 use crate::source::CSource;
 use std::collections::BTreeMap;
@@ -26,7 +26,7 @@ impl Processor {
     ];
 }
 
-/// Options for the figures below, beside those of the processor: optimised for size, with a file `NAME.ci` of calls and stack.
+/// Options of the compiler on every processor: it optimises for size, and writes a file `NAME.ci` of calls and stack.
 pub const OPTIONS: [&str; 5] = ["-std=c99", "-Os", "-ffunction-sections", "-fcallgraph-info=su", "-c"];
 
 /// A C file whose only variable is the state of one damper.

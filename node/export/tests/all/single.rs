@@ -1,5 +1,5 @@
-//! Exported code in single precision: it compiles without a warning, has the same bits on each compiler, and differs from the service by
-//! rounding errors.
+//! Exported code in single precision: it compiles without a warning, its results do not depend on the compiler, and they differ
+//! from the service's by rounding errors.
 
 use crate::cases::{Case, conditionings, effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::{compilers, parse, run_bytes, write};
@@ -35,7 +35,7 @@ fn difference(name: &str, model: &Model, seed: u64) -> Difference {
     Difference::of(&service, &exported)
 }
 
-/// What rounding errors do to a model.
+/// The effect of rounding errors on a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
     /// They stay what they are.
@@ -124,7 +124,7 @@ fn commands_in_single_precision_differ_by_rounding_errors() {
         for ((_, ours), bytes) in service.iter().zip(found.chunks_exact(80)) {
             let number = |at: usize| f64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight bytes"));
             let current_a = number(32);
-            // The limits of a float are those of the nearest float.
+            // In single precision the largest current is the nearest float.
             assert!((0.0..=TIGHT.current_max_a * (1.0 + 1e-7)).contains(&current_a), "{current_a}");
             let Some(command) = ours.command else { continue };
             let difference_a = (command.current.get() - current_a).abs();

@@ -113,7 +113,7 @@ fn compile(folder: &Path, options: impl IntoIterator<Item = String>) -> Result<b
     Ok(true)
 }
 
-/// What the compiler, or what it compiled, wrote.
+/// A file that the compiler wrote, or a program that it compiled.
 fn read(path: &Path) -> Result<Vec<u8>, NodeError> {
     fs::read(path).map_err(|error| NodeError::File { path: path.to_owned(), message: error.to_string() })
 }

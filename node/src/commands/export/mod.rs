@@ -144,8 +144,9 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     // The size in a control unit does not concern a simulator.
     let simulated = source.clone();
     if args.c.is_some() {
-        for line in compilers::footprint(&source)? {
-            export = export.provenance(line);
+        match compilers::footprint(&source) {
+            Ok(lines) => export = lines.into_iter().fold(export, CExport::provenance),
+            Err(error) => eprintln!("the header does not state flash and stack: {error}"),
         }
         source = written_from(&export)?;
     }

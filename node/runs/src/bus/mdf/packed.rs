@@ -195,7 +195,7 @@ mod tests {
         [b"##DZ\0\0\0\0", &length.to_le_bytes()[..], &[0; 8], &fields.concat(), data].concat()
     }
 
-    /// What the block at the beginning of the file gives, and the fault that ended it.
+    /// The data of the block at the beginning of the file, and the fault that ended it.
     fn read(file: Vec<u8>) -> (Vec<u8>, Option<BlockFault>) {
         let blocks = Blocks::new(Path::new("x.mf4"), io::Cursor::new(file)).expect("in memory");
         let mut data = Vec::new();
