@@ -7,6 +7,7 @@ use crate::interop_support::gate::{Outcome, hardened_secure_binary, interop, opt
 use crate::interop_support::json::{count, number, text};
 use crate::interop_support::process::{Program, script};
 use serde_json::Value;
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -27,10 +28,19 @@ fn cyclonedds_peers_send_and_receive_whichever_side_begins_the_handshake() {
         };
         let keystores = keystores(lab);
         let mut node = secured(lab, &binary, &keystores, "/node");
-        let saw = |enclave: &str, readers: &str, writers: &str| -> Value {
+        // Seldom, CycloneDDS crashes on a protected message that arrives before its key: it marks the message as padding, and reads its
+        // length in the wrong byte order. One such peer is started again, and the outcome says so.
+        let mut crashes = 0;
+        let mut saw = |enclave: &str, readers: &str, writers: &str| -> Value {
             let path = keystores.join(enclave);
             let arguments = [path.to_str().expect("UTF-8"), readers, writers, SECONDS];
-            lab.start_with(enclave, &peer, &arguments, &[]).json(PEER)
+            loop {
+                let mut own = lab.start_with(enclave, &peer, &arguments, &[]);
+                if own.wait(PEER).signal().is_none() || crashes > 0 {
+                    return own.json(PEER);
+                }
+                crashes += 1;
+            }
         };
 
         let mut heard = Vec::new();
@@ -46,7 +56,8 @@ fn cyclonedds_peers_send_and_receive_whichever_side_begins_the_handshake() {
         assert_eq!((count(&stranger, "/heard"), count(&stranger, "/readers")), (0, 0), "{stranger:#}");
         node.signal("INT");
         assert!(node.wait(PEER).success());
-        Outcome::Passed(heard.join(", ") + "; none to a peer of another authority")
+        let crashed = if crashes > 0 { "; CycloneDDS crashed once and was started again" } else { "" };
+        Outcome::Passed(heard.join(", ") + "; none to a peer of another authority" + crashed)
     });
 }
 
