@@ -28,8 +28,8 @@ fn cyclonedds_peers_send_and_receive_whichever_side_begins_the_handshake() {
         };
         let keystores = keystores(lab);
         let mut node = secured(lab, &binary, &keystores, "/node");
-        // Seldom, CycloneDDS crashes on a protected message that arrives before its key: it marks the message as padding, and reads its
-        // length in the wrong byte order. One such peer is started again, and the outcome says so.
+        // Seldom, CycloneDDS crashes at the start. By its log, it marks a protected message that it cannot decode yet as padding, and reads
+        // its length in the wrong byte order. One such peer is started again, and the outcome says so.
         let mut crashes = 0;
         let mut saw = |enclave: &str, readers: &str, writers: &str| -> Value {
             let path = keystores.join(enclave);
