@@ -6,7 +6,7 @@ use mr_damper_export::CExport;
 use mr_damper_export::vectors::{Expected, Readings, expected, readings};
 
 /// Samples of a case: few in a quick run, or MR_DAMPER_EXPORT_SAMPLES.
-fn sample_count() -> usize {
+pub(crate) fn sample_count() -> usize {
     std::env::var("MR_DAMPER_EXPORT_SAMPLES").ok().and_then(|text| text.parse().ok()).unwrap_or(5_000)
 }
 

@@ -1,6 +1,7 @@
 //! Exported code in single precision: it compiles without a warning, its results do not depend on the compiler, and they differ
 //! from the service's by rounding errors.
 
+use crate::back_to_back::sample_count;
 use crate::cases::{Case, conditionings, effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::{compilers, parse, run_bytes, write};
 use crate::inverse::{TIGHT, with_learned};
@@ -10,11 +11,6 @@ use mr_damper_model::effect::Effect;
 use mr_damper_model::inverse::{InverseController, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::Settings;
-
-/// Samples of a case: few in a quick run, or MR_DAMPER_EXPORT_SAMPLES.
-fn sample_count() -> usize {
-    std::env::var("MR_DAMPER_EXPORT_SAMPLES").ok().and_then(|text| text.parse().ok()).unwrap_or(5_000)
-}
 
 fn difference(name: &str, model: &Model, seed: u64) -> Difference {
     let all = readings(model, sample_count(), seed);

@@ -140,6 +140,19 @@ fn each_format_of_frames_gives_the_run_of_the_csv_file() {
     }
 }
 
+/// A channel without a unit.
+const fn channel_without_unit(
+    name: &str,
+    kind: u8,
+    data_type: u8,
+    byte: u32,
+    bits: u32,
+    data: u64,
+    conversion: u64,
+) -> Cn<'_> {
+    Cn { name, unit: "", kind, data_type, byte, bits, data, conversion }
+}
+
 /// An MDF4 file with frames whose bytes have variable length, in another group of the same records, in no order.
 fn bus_mdf(is_finished: bool) -> Vec<u8> {
     let frames = frames();
@@ -147,16 +160,7 @@ fn bus_mdf(is_finished: bool) -> Vec<u8> {
     let mut mdf = Mdf::new(is_finished);
     let store = mdf.group(0, 0, 2, count, 1, 0);
     let nanoseconds = mdf.linear(1e-9, 0.0);
-    let cn = |name, kind, data_type, byte, bits, data, conversion| Cn {
-        name,
-        unit: "",
-        kind,
-        data_type,
-        byte,
-        bits,
-        data,
-        conversion,
-    };
+    let cn = channel_without_unit;
     let first = mdf.channels(&[
         cn("t", 2, 0, 0, 64, 0, nanoseconds),
         cn("CAN_DataFrame.ID", 0, 0, 8, 32, 0, 0),

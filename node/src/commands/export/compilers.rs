@@ -59,12 +59,11 @@ pub(super) fn difference(
     context: &CliContext,
 ) -> Result<Vec<String>, NodeError> {
     let folder = compiler_folder()?;
-    let [code, program, results] = [format!("{}.c", source.name), "driver".to_owned(), "out.bin".to_owned()];
     let file = |name: &str| folder.path().join(name);
-    write_text(&file(&format!("{}.h", source.name)), &source.header)?;
-    write_text(&file(&code), &source.source)?;
+    write_code(folder.path(), source)?;
     write_text(&file("driver.c"), &driver::driver(source))?;
-    let options = ["-DFILES", "-o", &program, &code, "driver.c"].map(str::to_owned);
+    let code = format!("{}.c", source.name);
+    let options = ["-DFILES", "-o", "driver", &code, "driver.c"].map(str::to_owned);
     if !compile(folder.path(), options)? {
         if !context.quiet {
             eprintln!("the difference from the node is not measured: {NO_COMPILER}");
@@ -73,17 +72,26 @@ pub(super) fn difference(
     }
     let readings = vectors::readings(model, COMPARED, 1);
     write_bytes(&file("in.bin"), &driver::bytes(&readings))?;
-    let done = Command::new(file(&program)).current_dir(folder.path()).status();
+    let done = Command::new(file("driver")).current_dir(folder.path()).status();
     if !done.is_ok_and(|status| status.success()) {
         return Err(compiler_fault("the compiled code does not run on this machine".to_owned()));
     }
     let exported: Vec<_> =
-        read(&file(&results))?.chunks_exact(driver::size(source)).filter_map(driver::parse).collect();
+        read(&file("out.bin"))?.chunks_exact(driver::size(source)).filter_map(driver::parse).collect();
     let sentences = Difference::of(&vectors::expected(model, &readings)?, &exported).sentences();
     if !context.quiet {
         sentences.iter().for_each(|sentence| eprintln!("{sentence}"));
     }
     Ok(sentences)
+}
+
+/// Writes NAME.h and NAME.c. Returns their paths.
+pub(super) fn write_code(folder: &Path, source: &CSource) -> Result<[PathBuf; 2], NodeError> {
+    let paths = ["h", "c"].map(|ending| folder.join(format!("{}.{ending}", source.name)));
+    for (path, text) in paths.iter().zip([&source.header, &source.source]) {
+        write_text(path, text)?;
+    }
+    Ok(paths)
 }
 
 fn compiler_folder() -> Result<tempfile::TempDir, NodeError> {
@@ -130,8 +138,7 @@ pub(super) fn footprint(source: &CSource) -> Result<Vec<String>, NodeError> {
     let folder = compiler_folder()?;
     let file = |name: &str| folder.path().join(name);
     let name = &source.name;
-    write_text(&file(&format!("{name}.h")), &source.header)?;
-    write_text(&file(&format!("{name}.c")), &source.source)?;
+    write_code(folder.path(), source)?;
     write_text(&file("probe.c"), &probe(source))?;
     let run = |program: &str, arguments: &[&str]| -> Result<String, NodeError> {
         let fault = |why: &str| NodeError::File { path: PathBuf::from(program), message: why.to_owned() };

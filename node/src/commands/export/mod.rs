@@ -155,9 +155,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         let fault =
             |error: std::io::Error| NodeError::File { path: folder.clone(), message: error.to_string() };
         fs::create_dir_all(folder).map_err(fault)?;
-        for (ending, text) in [("h", &source.header), ("c", &source.source)] {
-            write(&mut written, folder.join(format!("{}.{ending}", args.name)), text)?;
-        }
+        written.extend(compilers::write_code(folder, &source)?);
     }
     if let Some(path) = &args.fmu {
         let version = FmiVersion::named(&args.fmi).unwrap_or_default();

@@ -64,16 +64,7 @@ fn stored_mdf(kind: u8) -> Vec<u8> {
     parts.extend(stored.chunks(1000).map(|part| mdf.packed(kind, 12, part)).collect::<Vec<_>>());
     let store = mdf.block(b"##DL", &parts, &[0; 16]);
     let nanoseconds = mdf.linear(1e-9, 0.0);
-    let cn = |name, kind, data_type, byte, bits, data, conversion| Cn {
-        name,
-        unit: "",
-        kind,
-        data_type,
-        byte,
-        bits,
-        data,
-        conversion,
-    };
+    let cn = channel_without_unit;
     let first = mdf.channels(&[
         cn("t", 2, 0, 0, 64, 0, nanoseconds),
         cn("CAN_DataFrame.ID", 0, 0, 8, 32, 0, 0),
