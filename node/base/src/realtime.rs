@@ -2,7 +2,8 @@
 //!
 //! On Linux a new thread inherits the policy of the thread that starts it. So a temporary thread takes the priority,
 //! starts the others and ends ([`raised`]). This also reaches threads that a library starts. If the system refuses the
-//! priority, the service runs anyway and reports it in its log and on `/diagnostics`.
+//! priority, the service runs anyway and reports it in its log and on `/diagnostics`. A refusal is a warning only if the
+//! user asked for a priority ([`Request`]).
 
 use std::fmt;
 use std::panic::resume_unwind;
@@ -12,7 +13,43 @@ use thread_priority::{
 };
 use tracing::Span;
 
-/// Scheduling of the threads on the path.
+/// The requested scheduling of the threads on the path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Request {
+    /// Ordinary scheduling.
+    Ordinary,
+    /// `SCHED_FIFO` at [`Request::PRIORITY`] if the system permits it, and ordinary scheduling otherwise.
+    IfPermitted,
+    /// `SCHED_FIFO` at this priority, 1 to 99.
+    Fifo(u8),
+}
+
+impl Request {
+    /// The priority that [`Request::IfPermitted`] tries: above all ordinary threads, and below the kernel's interrupt
+    /// threads (50).
+    pub const PRIORITY: u8 = 20;
+
+    /// Reads a parameter: -1 if permitted, 0 ordinary, otherwise the priority.
+    #[must_use]
+    pub fn from_parameter(value: i64) -> Self {
+        match u8::try_from(value) {
+            Ok(0) => Self::Ordinary,
+            Ok(priority) => Self::Fifo(priority),
+            Err(_) => Self::IfPermitted,
+        }
+    }
+
+    /// The priority to try, if any.
+    fn priority(self) -> Option<u8> {
+        match self {
+            Self::Ordinary => None,
+            Self::IfPermitted => Some(Self::PRIORITY),
+            Self::Fifo(priority) => Some(priority),
+        }
+    }
+}
+
+/// The resulting scheduling of the threads on the path.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Scheduling {
     /// Ordinary scheduling.
@@ -20,6 +57,13 @@ pub enum Scheduling {
     Ordinary,
     /// `SCHED_FIFO` at this priority, 1 to 99.
     Fifo(u8),
+    /// Ordinary scheduling, because the system does not permit another one, and none was required.
+    NotPermitted {
+        /// The priority that was tried.
+        priority: u8,
+        /// The system's error.
+        why: String,
+    },
     /// Ordinary scheduling, although a priority was requested.
     Refused {
         /// The requested priority.
@@ -34,6 +78,9 @@ impl fmt::Display for Scheduling {
         match self {
             Self::Ordinary => f.write_str("off"),
             Self::Fifo(priority) => write!(f, "SCHED_FIFO {priority}"),
+            Self::NotPermitted { priority, why } => {
+                write!(f, "off, SCHED_FIFO {priority} is not available: {why}")
+            }
             Self::Refused { priority, why } => write!(f, "SCHED_FIFO {priority} refused: {why}"),
         }
     }
@@ -43,18 +90,24 @@ impl fmt::Display for Scheduling {
 pub const ADVICE: &str = "give it the capability CAP_SYS_NICE (setcap cap_sys_nice+ep on the binary), or a limit: LimitRTPRIO= in \
                           its systemd unit, rtprio in /etc/security/limits.conf";
 
-/// Runs `start` on a thread with `priority` (0: on this thread), so that threads started in it inherit the priority.
+/// Runs `start` on a thread with the requested priority, if any, so that threads started in it inherit the priority.
 /// Returns the resulting scheduling as well.
-pub fn raised<T: Send>(priority: u8, start: impl FnOnce() -> T + Send) -> (T, Scheduling) {
-    if priority == 0 {
+pub fn raised<T: Send>(request: Request, start: impl FnOnce() -> T + Send) -> (T, Scheduling) {
+    let Some(priority) = request.priority() else {
         return (start(), Scheduling::Ordinary);
-    }
+    };
     let span = Span::current();
     let start_raised = move || {
         let _inside = span.entered();
         let scheduling = match raise(priority) {
             Ok(()) => Scheduling::Fifo(priority),
-            Err(error) => Scheduling::Refused { priority, why: error.to_string() },
+            Err(error) => {
+                let why = error.to_string();
+                match request {
+                    Request::IfPermitted => Scheduling::NotPermitted { priority, why },
+                    _ => Scheduling::Refused { priority, why },
+                }
+            }
         };
         (start(), scheduling)
     };
@@ -102,23 +155,39 @@ mod tests {
     fn started_threads_have_the_priority_and_the_caller_keeps_its_own() {
         const FIFO: u32 = 1;
         let before = scheduled();
-        let (inside, scheduling) = raised(7, || std::thread::spawn(scheduled).join().expect("no panic"));
-        assert_eq!(scheduled(), before);
-        match scheduling {
-            Scheduling::Fifo(7) => assert_eq!(inside, (FIFO, 7)),
-            // This user does not have the permission.
-            Scheduling::Refused { priority: 7, ref why } => {
-                assert_eq!(inside, before);
-                assert!(why.contains("not permitted"), "{why}");
+        for (request, wanted) in [(Request::Fifo(7), 7), (Request::IfPermitted, Request::PRIORITY)] {
+            let (inside, scheduling) =
+                raised(request, || std::thread::spawn(scheduled).join().expect("no panic"));
+            assert_eq!(scheduled(), before);
+            let required = request != Request::IfPermitted;
+            match scheduling {
+                Scheduling::Fifo(priority) => {
+                    assert_eq!((priority, inside), (wanted, (FIFO, u32::from(wanted))));
+                }
+                // This user does not have the permission.
+                Scheduling::Refused { priority, ref why } if required => {
+                    assert_eq!((priority, inside), (wanted, before));
+                    assert!(why.contains("not permitted"), "{why}");
+                }
+                Scheduling::NotPermitted { priority, ref why } if !required => {
+                    assert_eq!((priority, inside), (wanted, before));
+                    assert!(why.contains("not permitted"), "{why}");
+                }
+                other => panic!("{request:?}: {other:?}"),
             }
-            other => panic!("{other:?}"),
         }
-        assert_eq!(raised(0, scheduled), (before, Scheduling::Ordinary));
+        assert_eq!(raised(Request::Ordinary, scheduled), (before, Scheduling::Ordinary));
+    }
+
+    #[test]
+    fn a_parameter_is_read() {
+        let read = [-1, 0, 1, 99].map(Request::from_parameter);
+        assert_eq!(read, [Request::IfPermitted, Request::Ordinary, Request::Fifo(1), Request::Fifo(99)]);
     }
 
     #[test]
     fn a_priority_out_of_range_is_refused() {
-        let (_, scheduling) = raised(100, || ());
+        let (_, scheduling) = raised(Request::Fifo(100), || ());
         assert!(matches!(scheduling, Scheduling::Refused { priority: 100, .. }), "{scheduling}");
     }
 }

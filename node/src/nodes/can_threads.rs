@@ -10,7 +10,7 @@ use crate::streams::source::can::{CanSource, CanSourceParts};
 use crate::streams::source::queued::QueuedInput;
 use crate::streams::source::ros_source::RosSource;
 use mr_damper_base::clock::Clock;
-use mr_damper_base::realtime;
+use mr_damper_base::realtime::{self, Request};
 use mr_damper_runs::bus::{Inputs, OutputMessage};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -35,7 +35,7 @@ pub(super) struct CanContext {
     /// `deadline_s`, if set.
     pub(super) deadline: Option<Duration>,
     /// The requested real-time priority.
-    pub(super) priority: u8,
+    pub(super) priority: Request,
 }
 
 /// The threads that send, and the ring of each.

@@ -38,7 +38,7 @@ use crate::streams::source::zenoh::{CommandContext, ZenohSource};
 use crate::watchdogs::diagnostics::Counters;
 use crate::watchdogs::overseer::{Overseeing, Overseer, SharedHistory};
 use crate::zenoh::session::{Link, Rmw};
-use mr_damper_base::realtime::{self, Scheduling};
+use mr_damper_base::realtime::{self, Request, Scheduling};
 use ros2_client::NodeOptions;
 use std::sync::Arc;
 use std::time::Duration;
@@ -65,7 +65,7 @@ pub struct DamperNode {
 pub struct Process {
     domain: Domain,
     /// The requested real-time priority.
-    priority: u8,
+    priority: Request,
     /// The resulting scheduling.
     scheduling: Scheduling,
     link: Option<Arc<Link>>,
@@ -86,11 +86,18 @@ impl Process {
     /// When ROS or Zenoh do not start.
     pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
         panics::watch();
-        // The parameter table limits it to 0 to 99.
-        let priority = u8::try_from(config.realtime_priority).unwrap_or_default();
+        let priority = Request::from_parameter(config.realtime_priority);
         let (domain, scheduling) = Domain::join_raised(config, enclave, priority)?;
-        if let Scheduling::Refused { why, .. } = &scheduling {
-            tracing::warn!(priority, "no real-time priority: {why}; {}", realtime::ADVICE);
+        match &scheduling {
+            Scheduling::Ordinary | Scheduling::Fifo(_) => {}
+            Scheduling::NotPermitted { priority, why } => tracing::info!(
+                priority,
+                "no real-time priority: {why}; readers on a busy machine can delay estimates; {}",
+                realtime::ADVICE
+            ),
+            Scheduling::Refused { priority, why } => {
+                tracing::warn!(priority, "no real-time priority: {why}; {}", realtime::ADVICE);
+            }
         }
         let link = zenoh_config(config).map(|settings| Link::open(&settings)).transpose()?;
         Ok(Self { domain, priority, scheduling, link: link.map(Arc::new), can: None })

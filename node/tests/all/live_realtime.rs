@@ -5,6 +5,7 @@ use crate::domain::Domain;
 use crate::turn::turn;
 use crate::vehicle_support::{Node, Peer, drive, start};
 use crate::wait::wait_until;
+use mr_damper_base::realtime::Request;
 use mr_damper_msgs::standard::{DiagnosticArray, DiagnosticStatus};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -73,8 +74,20 @@ fn missed_deadlines_are_counted() {
 #[ignore = "needs root: real-time priority"]
 fn time_critical_threads_get_the_priority() {
     let _turn = turn(module_path!());
+    threads_have(PRIORITY, &[format!("realtime_priority:={PRIORITY}")]);
+}
+
+#[test]
+#[ignore = "needs root: real-time priority"]
+fn they_get_a_priority_by_default_where_the_system_permits_it() {
+    let _turn = turn(module_path!());
+    threads_have(u32::from(Request::PRIORITY), &[]);
+}
+
+/// Starts a node and checks that exactly the threads on the path of a sample have `priority`.
+fn threads_have(priority: u32, parameters: &[String]) {
     let domain = Domain::lease();
-    let node = start(program(), &["corner"], domain.id(), &[format!("realtime_priority:={PRIORITY}")]);
+    let node = start(program(), &["corner"], domain.id(), parameters);
     let status = status_that(domain.id(), |status| value(status, "estimates") != "0");
     let threads = threads(node.0.id());
     let counts = |name: &str| {
@@ -84,43 +97,53 @@ fn time_critical_threads_get_the_priority() {
     let (path, others): (Vec<_>, Vec<_>) = threads.iter().partition(|(name, ..)| counts(name));
     assert!(path.len() >= 5, "four threads of the node, and the threads of DDS: {threads:?}");
     assert!(others.iter().all(|(_, policy, _)| *policy == 0), "{threads:?}");
-    let all = path.iter().all(|(_, policy, priority)| (*policy, *priority) == (FIFO, PRIORITY));
+    let all = path.iter().all(|(_, policy, found)| (*policy, *found) == (FIFO, priority));
     assert!(all, "this user may not give threads a real-time priority? {threads:?} {status:?}");
-    assert_eq!(value(&status, "realtime_priority"), format!("SCHED_FIFO {PRIORITY}"));
+    assert_eq!(value(&status, "realtime_priority"), format!("SCHED_FIFO {priority}"));
 }
 
 #[test]
 #[ignore = "needs root: drops a capability"]
 fn a_node_without_priority_runs_and_reports_it() {
     let _turn = turn(module_path!());
+    let (status, log) = without_permission(&["--quiet"], &["-p", "realtime_priority:=11"]);
+    assert_eq!(status.level, DiagnosticStatus::WARN, "{status:?}");
+    assert!(status.message.contains("CAP_SYS_NICE"), "the status says what to do: {status:?}");
+    assert!(value(&status, "realtime_priority").contains("not permitted"), "{status:?}");
+    assert!(log.contains("no real-time priority: Operation not permitted"), "{log}");
+}
+
+#[test]
+#[ignore = "needs root: drops a capability"]
+fn a_node_that_was_not_asked_for_priority_does_not_warn() {
+    let _turn = turn(module_path!());
+    let (status, log) = without_permission(&[], &[]);
+    assert!(!status.message.contains("priority"), "{status:?}");
+    let found = value(&status, "realtime_priority");
+    assert!(found.starts_with("off, SCHED_FIFO 20 is not available: Operation not permitted"), "{found}");
+    let line = log.lines().find(|line| line.contains("no real-time priority")).expect("it is in the log");
+    assert!(line.contains("INFO") && line.contains("CAP_SYS_NICE"), "{line}");
+}
+
+/// Status and log of a node that may not raise its priority, all of whose threads are checked to be ordinary.
+fn without_permission(options: &[&str], parameters: &[&str]) -> (DiagnosticStatus, String) {
     let domain = Domain::lease();
-    let priority = ["-p".to_owned(), format!("realtime_priority:={PRIORITY}")];
     let node = Command::new("setpriv")
         .args(["--bounding-set", "-sys_nice", "--inh-caps", "-sys_nice", "--"])
         .arg(program())
-        .args([
-            "--quiet",
-            "node",
-            "--ros-args",
-            "-r",
-            "__ns:=/corner",
-            "-p",
-            "model:=thesis/fuzzy-tanh/rp3-cs",
-        ])
-        .args(priority)
+        .args(options)
+        .args(["node", "--ros-args", "-r", "__ns:=/corner", "-p", "model:=thesis/fuzzy-tanh/rp3-cs"])
+        .args(parameters)
         .env("ROS_DOMAIN_ID", domain.id().to_string())
         .stdin(Stdio::null())
         .stderr(Stdio::piped())
         .spawn();
     let mut node = Node(node.expect("setpriv (util-linux) starts"));
     let status = status_that(domain.id(), |status| value(status, "estimates") != "0");
-    assert_eq!(status.level, DiagnosticStatus::WARN, "{status:?}");
-    assert!(status.message.contains("CAP_SYS_NICE"), "the status says what to do: {status:?}");
-    assert!(value(&status, "realtime_priority").contains("not permitted"), "{status:?}");
     assert!(threads(node.0.id()).iter().all(|(_, policy, _)| *policy == 0));
 
     node.0.kill().expect("it runs");
     let mut log = String::new();
     std::io::Read::read_to_string(&mut node.0.stderr.take().expect("piped"), &mut log).expect("text");
-    assert!(log.contains("no real-time priority: Operation not permitted"), "{log}");
+    (status, log)
 }

@@ -4,7 +4,7 @@ use super::{Finding, leaves_this_machine};
 use crate::process::files;
 use crate::settings::config::Config;
 use mr_damper_base::clock::system_now;
-use mr_damper_base::realtime::{self, Scheduling};
+use mr_damper_base::realtime::{self, Request, Scheduling};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -85,18 +85,28 @@ pub(super) fn timer() -> Finding {
 /// Checks whether threads can get real-time priority, also if none is requested.
 pub(super) fn priority(config: &Config) -> Finding {
     const WHAT: &str = "real-time priority";
-    let requested = u8::try_from(config.realtime_priority).unwrap_or_default();
-    let ((), scheduling) = realtime::raised(requested.max(1), || ());
-    match (scheduling, requested) {
-        (Scheduling::Refused { why, .. }, 0) => {
-            Finding::ok(WHAT, format!("not requested, and it would be refused: {why}"))
-        }
+    let requested = Request::from_parameter(config.realtime_priority);
+    // Tries it also if it is not requested, to say whether it could be.
+    let tried = if requested == Request::Ordinary { Request::IfPermitted } else { requested };
+    let found = match (realtime::raised(tried, || ()).1, requested) {
         (Scheduling::Refused { priority, why }, _) => {
-            Finding::warning(WHAT, format!("SCHED_FIFO {priority} is refused: {why}"), realtime::ADVICE)
+            return Finding::warning(
+                WHAT,
+                format!("SCHED_FIFO {priority} is refused: {why}"),
+                realtime::ADVICE,
+            );
         }
-        (_, 0) => Finding::ok(WHAT, "not requested; it is available (realtime_priority)"),
-        (_, requested) => Finding::ok(WHAT, format!("SCHED_FIFO {requested} is available")),
-    }
+        (Scheduling::NotPermitted { priority, why }, Request::IfPermitted) => format!(
+            "the node runs without: SCHED_FIFO {priority} is not available ({why}). To permit it, {}",
+            realtime::ADVICE
+        ),
+        (Scheduling::NotPermitted { why, .. }, _) => {
+            format!("not requested, and it would be refused: {why}")
+        }
+        (_, Request::Ordinary) => "not requested; it is available (realtime_priority)".to_owned(),
+        (scheduling, _) => format!("{scheduling} is available"),
+    };
+    Finding::ok(WHAT, found)
 }
 
 /// Checks the limit on open files.

@@ -13,7 +13,7 @@ use crate::ros2::ros_environment::{self, NetworkRequest, Reach, Remark};
 use crate::ros2::security::Enclave;
 use crate::settings::config::Config;
 use crate::settings::error::NodeError;
-use mr_damper_base::realtime::{self, Scheduling};
+use mr_damper_base::realtime::{self, Request, Scheduling};
 use ros2_client::Context;
 use rustdds::{DomainParticipantBuilder, RTPSEntity};
 use std::net::{IpAddr, Ipv4Addr};
@@ -48,10 +48,10 @@ impl Domain {
     /// When the participant cannot be created (no network interface, no free ports), or when security is requested but
     /// not available.
     pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
-        Self::join_raised(config, enclave, 0).map(|(domain, _)| domain)
+        Self::join_raised(config, enclave, Request::Ordinary).map(|(domain, _)| domain)
     }
 
-    /// Like [`Domain::join`], with the threads of the DDS library at a real-time `priority` (0: none). Also returns the
+    /// Like [`Domain::join`], with the threads of the DDS library at a real-time `priority`. Also returns the
     /// resulting scheduling.
     ///
     /// # Errors
@@ -59,7 +59,7 @@ impl Domain {
     pub fn join_raised(
         config: &Config,
         enclave: Option<&str>,
-        priority: u8,
+        priority: Request,
     ) -> Result<(Self, Scheduling), NodeError> {
         let announced = crate::ros2::security::name_of_enclave(enclave);
         let enclave = Enclave::asked_for(enclave)?;

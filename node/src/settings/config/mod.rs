@@ -179,7 +179,7 @@ pub struct Config {
     pub align_wait_s: f64,
     /// Longest time from the receipt of a displacement to the publication of its estimate, s; 0: no limit.
     pub deadline_s: f64,
-    /// `SCHED_FIFO` priority of the threads on the path of every sample; 0: none.
+    /// `SCHED_FIFO` priority of the threads on the path of every sample; 0: none; -1: 20 if the system permits it.
     pub realtime_priority: i64,
     /// ROS domain; negative: `ROS_DOMAIN_ID`, else 0.
     pub domain_id: i64,
@@ -227,7 +227,7 @@ impl Default for Config {
             close_loop_auto_load: false,
             align_wait_s: 0.05,
             deadline_s: 0.0,
-            realtime_priority: 0,
+            realtime_priority: -1,
             domain_id: -1,
             discovery_range: "system_default".to_owned(),
             discovery_peers: Vec::new(),

@@ -204,9 +204,9 @@ const MAIN: [Parameter; 27] = [
     ),
     integer!(
         "realtime_priority",
-        0..=99,
+        -1..=99,
         Never,
-        "SCHED_FIFO priority of the threads on the path of every sample, including the DDS library's; if the system refuses it, the node runs without it and reports that; 0: none",
+        "SCHED_FIFO priority of the threads on the path of every sample, including the DDS library's; if the system refuses it, the node runs without it and warns; 0: none; -1: 20 if the system permits it, else none, without a warning",
         realtime_priority
     ),
     integer!(
