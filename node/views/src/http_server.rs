@@ -8,7 +8,7 @@ use axum::Router;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use socket2::SockRef;
+use socket2::{SockRef, TcpKeepalive};
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
@@ -17,7 +17,8 @@ use std::time::Duration;
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, oneshot};
 
-/// A client that receives nothing for this long is disconnected, so that others can connect.
+/// A client that receives nothing for this long is disconnected, so that others can connect. So is one that answers no probe for this long,
+/// because its machine is gone.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 /// Time limit for a client to send the head of a request.
 const HEAD_WITHIN: Duration = Duration::from_secs(10);
@@ -140,10 +141,32 @@ async fn accept(listener: tokio::net::TcpListener, limits: Limits, router: Route
 /// Sets the socket options of a connection.
 fn tune(stream: &TcpStream, limits: Limits) {
     let socket = SockRef::from(stream);
-    let tuned = socket.set_send_buffer_size(limits.system_buffer).and_then(|()| socket.set_tcp_nodelay(true));
+    let probes = TcpKeepalive::new().with_time(PATIENCE / 2).with_interval(PATIENCE / 4);
+    let tuned = socket
+        .set_send_buffer_size(limits.system_buffer)
+        .and_then(|()| socket.set_tcp_nodelay(true))
+        .and_then(|()| socket.set_tcp_keepalive(&probes));
     #[cfg(target_os = "linux")]
     let tuned = tuned.and_then(|()| socket.set_tcp_user_timeout(Some(PATIENCE)));
     if let Err(error) = tuned {
         tracing::debug!(%error, "cannot set the options of a connection");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Without probes, a viewer that asks for nothing and whose machine is gone would keep its place.
+    #[tokio::test]
+    async fn a_silent_connection_is_probed() {
+        let (listener, address) = listen(SocketAddr::from(([127, 0, 0, 1], 0))).expect("a port");
+        let listener = tokio::net::TcpListener::from_std(listener).expect("a listener");
+        let (_client, accepted) = tokio::join!(TcpStream::connect(address), listener.accept());
+        let (stream, _) = accepted.expect("a connection");
+        tune(&stream, Limits { connections: 1, system_buffer: 64 << 10, own_buffer: 16 << 10 });
+        let socket = SockRef::from(&stream);
+        assert!(socket.keepalive().expect("an option"));
+        assert!(socket.tcp_keepalive_time().expect("an option") <= PATIENCE);
     }
 }
