@@ -12,6 +12,7 @@ use crate::commands::fis;
 use crate::commands::output::OutputArgs;
 use crate::commands::progress::Working;
 use crate::commands::run_args::RunArgs;
+use crate::commands::units::UnitsArgs;
 use crate::settings::error::NodeError;
 use clap::builder::PossibleValuesParser;
 use mr_damper_base::provenance::{TOOL, date, expect};
@@ -110,6 +111,9 @@ pub struct Args {
     /// Output files.
     #[command(flatten)]
     pub output: OutputArgs,
+    /// Unit of the printed forces.
+    #[command(flatten)]
+    pub units: UnitsArgs,
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
@@ -160,7 +164,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     args.output.page(|| found.page(&runs, &held_out))?;
     let report = found.report();
-    args.output.figures(&report, || table(&report, &args.out))
+    args.output.figures(&report, || table(&report, &args.out, args.units.units))
 }
 
 /// The model that `args` ask for.

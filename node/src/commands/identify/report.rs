@@ -1,5 +1,6 @@
 //! The figures and remarks of an identification: in JSON, as text, and for the page.
 
+use crate::commands::units::Units;
 use mr_damper_base::shown;
 use mr_damper_model::identify::{CurrentFit, ParameterValue, RunFit};
 use mr_damper_model::metrics::Fit;
@@ -173,10 +174,11 @@ pub(super) fn headline(report: &Report<'_>) -> String {
 }
 
 /// The figures and remarks as text.
-pub(super) fn table(report: &Report<'_>, out: &Path) -> String {
+pub(super) fn table(report: &Report<'_>, out: &Path, units: Units) -> String {
     let mut text = headline(report) + "\n";
     for (name, fit) in figures(report) {
-        text += &format!("  {name:<34} RMSE {:8.2} N   NMSE {:.5}\n", fit.rsse_n, fit.esr);
+        let (error, unit) = (units.of_n(fit.rsse_n), units.symbol());
+        text += &format!("  {name:<34} RMSE {error:8.2} {unit}   NMSE {:.5}\n", fit.esr);
     }
     for remark in remarks(report) {
         text += &format!("  {remark}\n");
