@@ -52,8 +52,8 @@ def round_trip():
         node = [BINARY, "--quiet", "node", "--ros-args", "-p", f"model:={MODEL}"]
         others = {
             "bare ros2-client echo": [TARGET / "release" / "echo_peer"],
-            "this node": node,
-            "this node, priority 50": [*node, "-p", "realtime_priority:=50"],
+            "this node, no priority": [*node, "-p", "realtime_priority:=0"],
+            "this node, priority 20 (the default for root)": [*node, "-p", "realtime_priority:=20"],
             "CycloneDDS echo in C": [echo],
             "rclpy node with the model": [INTEROP / "ros-python.sh", "jazzy", INTEROP / "rclpy_node.py"],
         }
@@ -104,7 +104,7 @@ def realtime():
     build()
     found = []
     for busy in (0, 4):
-        for priority in (0, 50):
+        for priority in (0, 20):
             parameters = [f"realtime_priority:={priority}", "deadline_s:=0.002"]
             told = scale_of(parameters, dampers=1, rate_hz=1000, seconds=30, busy=busy)
             found.append({"busy": busy, "priority": priority, **told})
