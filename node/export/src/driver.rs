@@ -8,6 +8,9 @@
 //! | written with an inverse, after these | `limited_by`, truths; current, requested, expected, least and largest force, current after a silence |
 //!
 //! Words are `uint32_t`, the time is `int64_t`, and numbers are `double`, also around code in single precision.
+//!
+//! With `-DTICKS`, on a Cortex-M processor, it writes one word for each sample in their place: the ticks of the processor's timer during the
+//! step, and above them whether the timer ran out (bit 30), and whether the reading was accepted (bit 31).
 
 use crate::source::CSource;
 use crate::vectors::{Expected, Readings, SILENCE_NS};
@@ -57,6 +60,10 @@ pub fn driver(source: &CSource) -> String {
         "#include <stdio.h>
 #include \"{name}.h\"
 typedef {real} real;
+#ifdef TICKS
+/* SysTick counts 24 bits down: control and status, value after 0, value. */
+#define SYSTICK ((volatile uint32_t *)0xE000E010U)
+#endif
 int main(void) {{
     static {name}_state state;
     int64_t time_ns;
@@ -66,20 +73,35 @@ int main(void) {{
 #else
     FILE *from = stdin, *to = stdout;
 #endif
+#ifdef TICKS
+    SYSTICK[1] = 0xFFFFFFU;
+    SYSTICK[0] = 5U;
+#endif
     while (fread(&time_ns, sizeof time_ns, 1, from) == 1 && fread(given, sizeof given, 1, from) == 1) {{
         {name}_input in;
         {name}_output out;
         uint32_t words[2];
-        double forces[2];
         in.time_ns = time_ns;
         in.displacement_m = (real)given[0];
-{fields}        words[0] = {name}_step(&{name}_default_parameters, &state, &in, &out) ? 1U : 0U;
+{fields}#ifdef TICKS
+        SYSTICK[2] = 0U;
+        while (SYSTICK[2] == 0U) {{
+        }}
+        words[0] = SYSTICK[2];
+        words[1] = {name}_step(&{name}_default_parameters, &state, &in, &out) ? (1U << 31) : 0U;
+        words[0] = (words[0] - SYSTICK[2]) & 0xFFFFFFU;
+        words[0] |= words[1] | ((SYSTICK[0] & (1U << 16)) != 0U ? (1U << 30) : 0U);
+        fwrite(words, sizeof words[0], 1, to);
+#else
+        double forces[2];
+        words[0] = {name}_step(&{name}_default_parameters, &state, &in, &out) ? 1U : 0U;
         words[1] = out.flags;
         fwrite(words, sizeof words, 1, to);
         forces[0] = (double)out.force_n;
         forces[1] = (double)out.reading_n;
         fwrite(forces, sizeof forces, 1, to);
-{commands}    }}
+{commands}#endif
+    }}
     fclose(to);
     return 0;
 }}

@@ -30,6 +30,11 @@ pub enum ExportError {
         /// The model.
         model: &'static str,
     },
+    /// Code in single precision has no FMU.
+    #[error(
+        "an FMU is in double precision, and this code is in single precision: export the model in double precision"
+    )]
+    FmuPrecision,
     /// A unit has no definition in SI base units, which an FMU needs: a fault of this program.
     #[error("the unit '{symbol}' is not known in SI base units")]
     Unit {

@@ -3,29 +3,6 @@
 use crate::source::CSource;
 use std::collections::BTreeMap;
 
-/// A processor, and the options of `arm-none-eabi-gcc` for it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Processor {
-    /// Its name.
-    pub name: &'static str,
-    /// Options of the compiler.
-    pub options: &'static [&'static str],
-}
-
-impl Processor {
-    /// Processors whose figures an export states. M4F has an FPU for single precision, M7 one for both.
-    pub const ALL: [Self; 2] = [
-        Self {
-            name: "Cortex-M4F",
-            options: &["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"],
-        },
-        Self {
-            name: "Cortex-M7",
-            options: &["-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"],
-        },
-    ];
-}
-
 /// Options of the compiler on every processor: it optimises for size, and writes a file `NAME.ci` of calls and stack.
 pub const OPTIONS: [&str; 5] = ["-std=c99", "-Os", "-ffunction-sections", "-fcallgraph-info=su", "-c"];
 

@@ -19,7 +19,7 @@ fragments! { SINGLE in "c/single/":
 
 fragments! { ALL in "c/":
     "bits" "infinity" "has_minus" "sign" "max" "min" "clamp" "exp" "exp_m1" "tanh" "tanh_in_lanes" "ln" "ln_1p" "atan" "sin"
-    "inputs" "gate" "low_pass" "derivative_backward" "derivative_three_point" "derivative_slope" "step"
+    "inputs" "gate" "timing" "low_pass" "derivative_backward" "derivative_three_point" "derivative_slope" "step"
     "sets" "weights_polynomial" "weights_fuzzy"
     "force_fuzzy_tanh" "force_slope"
     "law_sp" "law_bouc_wen" "law_kwok" "law_li" "law_cesmeci_engin" "law_choi" "law_arctan" "law_linear"
@@ -203,12 +203,13 @@ mod tests {
     #[test]
     fn each_fragment_needs_all_that_it_calls() {
         // Functions that the export writes for a model, or that a fragment leaves to another one.
-        const GLUE: [&str; 22] = [
+        const GLUE: [&str; 23] = [
             "law_parameters",
             "law",
             "weights",
             "derivative_step",
             "low_pass_step",
+            "timing_place",
             "force",
             "tsk_fire",
             "run_",

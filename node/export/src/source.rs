@@ -41,6 +41,7 @@ pub struct CExport<'a> {
     settings: Settings,
     inverse: Option<InverseParts>,
     precision: Precision,
+    corrects_stamps: bool,
     provenance: Vec<String>,
 }
 
@@ -104,6 +105,7 @@ impl<'a> CExport<'a> {
             settings: Settings::default(),
             inverse: None,
             precision: Precision::default(),
+            corrects_stamps: false,
             provenance: Vec::new(),
         }
     }
@@ -126,6 +128,12 @@ impl<'a> CExport<'a> {
         Self { precision, ..self }
     }
 
+    /// With the service's correction of stamps that jitter. Without it, a stamp is the time at which its displacement was taken.
+    #[must_use]
+    pub fn corrected_stamps(self) -> Self {
+        Self { corrects_stamps: true, ..self }
+    }
+
     /// With a line that says where the model comes from.
     #[must_use]
     pub fn provenance(mut self, line: impl Into<String>) -> Self {
@@ -146,6 +154,7 @@ impl<'a> CExport<'a> {
         }
         let mut features = Features::of(model);
         features.set("SINGLE", self.precision == Precision::Single);
+        features.set("CORRECTS_STAMPS", self.corrects_stamps);
         let force = Force::of(&model.force);
         if let Some((name, value)) = force.feature {
             features.set(name, value);
@@ -173,6 +182,9 @@ impl<'a> CExport<'a> {
         }
         names.extend(terms.iter().flat_map(|terms| &terms.fragments));
         names.extend(inverse.iter().flat_map(|inverse| &inverse.fragments));
+        if self.corrects_stamps {
+            names.push("timing");
+        }
         names.push("step");
         let fragments = link(&names, self.precision)?;
 

@@ -65,7 +65,7 @@ pub fn readings(model: &Model, count: usize, seed: u64) -> Vec<Readings> {
     let has_temperature = model.effects.need(Need::CaseTemperature);
     let mut all = Vec::with_capacity(count);
     let (mut time_ns, mut phase, mut place_m) = (1_000_000_000_i64, 0.0_f64, 0.0);
-    // The service corrects stamps that jitter, and exported code does not, so the period stays the same.
+    // The service corrects stamps that jitter, and exported code only on request, so the period stays the same.
     let drawn_ns = [500_000_i64, 1_000_000, 1_953_125, 2_000_000][random.random_range(0..4)];
     let period_ns = learned_period_ns(model).unwrap_or(drawn_ns);
     // Samples since the last event, and since the last restart.
@@ -155,6 +155,25 @@ pub struct ExpectedCommand {
 
 /// Time after a sample for which [`ExpectedCommand::silent_a`] holds, ns.
 pub const SILENCE_NS: i64 = 300_000_000;
+
+/// `all` with stamps that are late by a varying part of the sample period, up to nine tenths, in stretches with less and more of it. The
+/// displacements stay those of the even times, as from a driver that stamps late.
+#[must_use]
+pub fn with_late_stamps(mut all: Vec<Readings>, seed: u64) -> Vec<Readings> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let period_ns = match all.as_slice() {
+        [first, second, ..] => (second.time_ns - first.time_ns) as f64,
+        _ => return all,
+    };
+    let mut share = 0.0;
+    for (index, reading) in all.iter_mut().enumerate() {
+        if index % 700 == 0 {
+            share = [0.0, 0.02, 0.3, 0.9][random.random_range(0..4)];
+        }
+        reading.time_ns += (share * period_ns * random.random::<f64>()) as i64;
+    }
+    all
+}
 
 /// `all` with requested forces, for a damper with forces of up to about `most_n`: mostly along the motion, some against it, some out of
 /// range or infinite, and times without a request. The measured current is lost for long times, so that the command takes its place.

@@ -102,6 +102,10 @@ typedef struct {
     uint32_t pending;
     bool has_displacement;
     int64_t last_ns;
+#if MRD_CORRECTS_STAMPS
+    mrd_timing timing;
+    int64_t taken_ns;
+#endif
     mrd_motion motion;
     mrd_chain damper;
 #if MRD_HAS_LOAD_CELL

@@ -180,6 +180,9 @@ bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd
     double step_s, velocity_m_s;
     int decision;
     bool has_motion;
+#if MRD_CORRECTS_STAMPS
+    int64_t taken_ns;
+#endif
 #if MRD_HAS_INVERSE
     const mrd_held before = s->drive;
 #endif
@@ -252,11 +255,26 @@ bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd
     out->flags = s->pending;
     s->pending = 0U;
     step_s = s->has_displacement ? mrd_between_s(s->last_ns, input->time_ns) : mrd_nan();
+#if MRD_CORRECTS_STAMPS
+    if (!(step_s <= p->gap_s)) {
+        s->timing = (mrd_timing){ 0 }; /* a step over a gap says nothing about the period */
+    }
+    taken_ns = mrd_timing_place(&s->timing, input->time_ns, x_m);
+    in.dt_s = s->has_displacement ? mrd_between_s(s->taken_ns, taken_ns) : mrd_nan();
+    s->taken_ns = taken_ns;
+    if (step_s > p->gap_s) {
+        out->flags |= MRD_DISPLACEMENT_GAP;
+    }
+    if (in.dt_s > p->gap_s) {
+        in.dt_s = mrd_nan();
+    }
+#else
     in.dt_s = step_s;
     if (step_s > p->gap_s) {
         out->flags |= MRD_DISPLACEMENT_GAP;
         in.dt_s = mrd_nan();
     }
+#endif
     s->has_displacement = true;
     s->last_ns = input->time_ns;
 

@@ -33,6 +33,7 @@ use crate::error::ExportError;
 use crate::features::Features;
 use crate::fragment::resolve;
 use crate::parameter::{Shape, number};
+use crate::precision::Precision;
 use crate::source::CSource;
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
@@ -114,8 +115,11 @@ impl<'a> Fmu<'a> {
     /// Its text files: paths in the archive, and content.
     ///
     /// # Errors
-    /// [`ExportError::Unit`].
+    /// [`ExportError::FmuPrecision`] for code in single precision; [`ExportError::Unit`].
     pub fn files(&self) -> Result<Vec<(String, String)>, ExportError> {
+        if self.source.precision != Precision::Double {
+            return Err(ExportError::FmuPrecision);
+        }
         let name = &self.source.name;
         let interface = match self.version {
             FmiVersion::V3 => include_str!("fmi3.c"),
@@ -154,7 +158,7 @@ impl<'a> Fmu<'a> {
     /// The FMU as a zip archive, with `binary`, the shared object for this machine, if there is one. Equal models give equal archives.
     ///
     /// # Errors
-    /// [`ExportError::Unit`]; [`ExportError::Archive`] when the archive cannot be written.
+    /// Those of [`Fmu::files`]; [`ExportError::Archive`] when the archive cannot be written.
     pub fn archive(&self, binary: Option<&[u8]>) -> Result<Vec<u8>, ExportError> {
         let fault = |error: &dyn std::fmt::Display| ExportError::Archive { what: error.to_string() };
         // Without a time of modification, so that equal models give equal archives.

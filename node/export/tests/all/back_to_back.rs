@@ -1,13 +1,23 @@
 //! Exported code against the pipeline of the service, bit for bit.
 
-use crate::cases::{Case, conditionings, effects, forces, learned, terms};
+use crate::cases::{Case, conditionings, effects, forces, fuzzy_tanh, learned, terms};
 use crate::compile::{compilers, run, write};
 use mr_damper_export::CExport;
-use mr_damper_export::vectors::{Expected, Readings, expected, readings};
+use mr_damper_export::vectors::{Expected, Readings, expected, readings, with_late_stamps};
 
-/// Samples of a case: few in a quick run, or MR_DAMPER_EXPORT_SAMPLES.
+/// Samples of a case, if MR_DAMPER_EXPORT_SAMPLES says how many; a quick run takes few.
+fn requested_count() -> Option<usize> {
+    std::env::var("MR_DAMPER_EXPORT_SAMPLES").ok()?.parse().ok()
+}
+
+/// True without MR_DAMPER_EXPORT_SAMPLES.
+pub(crate) fn is_quick() -> bool {
+    requested_count().is_none()
+}
+
+/// Samples of a case.
 pub(crate) fn sample_count() -> usize {
-    std::env::var("MR_DAMPER_EXPORT_SAMPLES").ok().and_then(|text| text.parse().ok()).unwrap_or(5_000)
+    requested_count().unwrap_or(5_000)
 }
 
 /// Fails at the first sample where the exported code differs from the service.
@@ -27,16 +37,27 @@ pub(crate) fn assert_same(what: &str, readings: &[Readings], service: &[Expected
     }
 }
 
+/// Whether the code corrects stamps, and the readings have stamps that jitter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Stamps {
+    Even,
+    Late,
+}
+
 /// Compares every case on each compiler at two levels of optimisation.
-fn check(cases: &[Case]) {
+fn check(cases: &[Case], stamps: Stamps) {
     let count = sample_count();
     for (index, (name, model)) in cases.iter().enumerate() {
-        let all = readings(model, count, 22 + index as u64);
+        let seed = 22 + index as u64;
+        let mut all = readings(model, count, seed);
+        let mut export = CExport::new("damper", model).provenance(name.as_str());
+        if stamps == Stamps::Late {
+            (all, export) = (with_late_stamps(all, seed), export.corrected_stamps());
+        }
         let service = expected(model, &all).expect("a pipeline");
         let forces = service.iter().filter(|output| output.force_n.is_finite()).count();
         assert!(10 * forces > 7 * count, "{name}: only {forces} of {count} samples have a force");
-        let source =
-            CExport::new("damper", model).provenance(name.as_str()).source().expect("it is exported");
+        let source = export.source().expect("it is exported");
         let dir = tempfile::tempdir().expect("a directory");
         write(dir.path(), &source);
         for compiler in compilers() {
@@ -50,25 +71,47 @@ fn check(cases: &[Case]) {
 
 #[test]
 fn every_force_model_has_the_services_bits() {
-    check(&forces());
+    check(&forces(), Stamps::Even);
 }
 
 #[test]
 fn every_learned_model_has_the_services_bits() {
-    check(&learned());
+    check(&learned(), Stamps::Even);
 }
 
 #[test]
 fn every_conditioning_has_the_services_bits() {
-    check(&conditionings());
+    check(&conditionings(), Stamps::Even);
 }
 
 #[test]
 fn every_effect_has_the_services_bits() {
-    check(&effects());
+    check(&effects(), Stamps::Even);
 }
 
 #[test]
 fn every_term_has_the_services_bits() {
-    check(&terms());
+    check(&terms(), Stamps::Even);
+}
+
+#[test]
+fn corrected_stamps_have_the_services_bits() {
+    let some = |cases: Vec<Case>, step: usize| cases.into_iter().step_by(step);
+    let cases = some(effects(), 5).chain(some(forces(), 6)).chain(some(terms(), 12));
+    check(&conditionings().into_iter().chain(cases).collect::<Vec<_>>(), Stamps::Late);
+}
+
+#[test]
+fn stamps_that_jitter_need_the_correction() {
+    let model = fuzzy_tanh();
+    let all = with_late_stamps(readings(&model, 5_000, 22), 22);
+    let service = expected(&model, &all).expect("a pipeline");
+    let source = CExport::new("damper", &model).source().expect("it is exported");
+    let dir = tempfile::tempdir().expect("a directory");
+    write(dir.path(), &source);
+    let exported = run(dir.path(), &source, compilers()[0], "-O2", &all);
+    let differ = service.iter().zip(&exported).filter(|(ours, theirs)| {
+        ours.force_n.is_finite() && ours.force_n.to_bits() != theirs.force_n.to_bits()
+    });
+    assert!(differ.count() > 1_000, "the readings test the correction");
 }

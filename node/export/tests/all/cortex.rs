@@ -1,10 +1,11 @@
 //! Exported code on Cortex-M processors under QEMU, bit for bit, and its size there.
 
-use crate::back_to_back::assert_same;
-use crate::cases::{effects, forces, fuzzy_tanh, learned, terms, with};
+use crate::back_to_back::{assert_same, is_quick, sample_count};
+use crate::cases::{Case, effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::{WARNINGS, bytes, is_here, parse, run_bytes, write};
 use crate::inverse::{Prepared, TIGHT, with_learned};
-use mr_damper_export::vectors::{Readings, expected, readings};
+use mr_damper_export::board::{COUNTED, Instructions, LINK, LINKED, Processor, START};
+use mr_damper_export::vectors::{Readings, expected, readings, with_late_stamps};
 use mr_damper_export::{CExport, CSource, Precision};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::inverse::Method;
@@ -12,58 +13,47 @@ use mr_damper_model::model::Model;
 use std::path::Path;
 use std::process::Command;
 
-/// QEMU's machine, and the options of the compiler for its processor.
-const PROCESSORS: [(&str, &[&str]); 3] = [
-    ("mps2-an385", &["-mcpu=cortex-m3", "-mthumb"]),
-    ("mps2-an386", &["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]),
-    ("mps2-an500", &["-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"]),
-];
+/// The processors whose bits are compared.
+const PROCESSORS: [Processor; 3] = [Processor::M3, Processor::M4F, Processor::M7];
 
-/// The vector table, and the start: the FPU is switched on before the C library's start.
-const START: &str = "#include <stdint.h>
-extern void _start(void);
-void reset(void) {
-    *(volatile uint32_t *)0xE000ED88u |= 0xFu << 20;
-    __asm volatile(\"dsb\\n isb\");
-    _start();
-    for (;;) {
-    }
+/// Samples of a case: few in a quick run, or MR_DAMPER_EXPORT_SAMPLES.
+fn count() -> usize {
+    if is_quick() { 1000 } else { sample_count() }
 }
-__attribute__((section(\".vectors\"), used)) const uintptr_t vectors[2] = { 0x20400000u, (uintptr_t)reset };
-";
 
-/// Code from address 0, data from 0x20000000: the memory of QEMU's MPS2 boards.
-const LINK: &str =
-    "MEMORY { code (rx) : ORIGIN = 0, LENGTH = 4M  data (rwx) : ORIGIN = 0x20000000, LENGTH = 4M }
-ENTRY(reset)
-SECTIONS {
-    .text : { KEEP(*(.vectors)) *(.text*) *(.rodata*) *(.init) *(.fini) *(.eh_frame*) } > code
-    .ARM.exidx : { *(.ARM.exidx*) } > code
-    __data_load = LOADADDR(.data);
-    .data : { *(.data*) } > data
-    .bss (NOLOAD) : { __bss_start__ = .; *(.bss*) *(COMMON) __bss_end__ = .; end = .; __end__ = .; } > data
-    __stack = 0x20400000;
+/// In a quick run one case of `step`, else all.
+fn spread(cases: Vec<Case>, step: usize) -> impl Iterator<Item = Case> {
+    cases.into_iter().step_by(if is_quick() { step } else { 1 })
 }
-";
 
-fn run(dir: &Path, source: &CSource, (machine, options): (&str, &[&str]), all: &[Readings]) -> Vec<u8> {
+/// What the driver writes on `processor`, compiled and run with more options.
+fn run(
+    dir: &Path,
+    source: &CSource,
+    processor: Processor,
+    all: &[Readings],
+    compiled: &[&str],
+    ran: &[&str],
+) -> Vec<u8> {
     std::fs::write(dir.join("start.c"), START).expect("written");
     std::fs::write(dir.join("link.ld"), LINK).expect("written");
     std::fs::write(dir.join("in.bin"), bytes(all)).expect("written");
-    let program = format!("{machine}.elf");
+    let (machine, program) = (processor.machine, format!("{}.elf", processor.machine));
     let compiled = Command::new("arm-none-eabi-gcc")
         .current_dir(dir)
-        .args(options)
+        .args(processor.options)
         .args(WARNINGS)
-        .args(["-O2", "-DFILES", "--specs=rdimon.specs", "-T", "link.ld", "-o", &program])
+        .args(compiled)
+        .args(["-DFILES", "-o", &program])
+        .args(LINKED)
         .args([&format!("{}.c", source.name), "driver.c", "start.c"])
         .output()
         .expect("the compiler runs");
     assert!(compiled.status.success(), "{machine}: {}", String::from_utf8_lossy(&compiled.stderr));
     let ran = Command::new("qemu-system-arm")
         .current_dir(dir)
-        .args(["-M", machine, "-nographic", "-monitor", "none", "-serial", "none"])
-        .args(["-semihosting-config", "enable=on,target=native", "-kernel", &program])
+        .args(processor.qemu(&program))
+        .args(ran)
         .output()
         .expect("QEMU runs");
     assert!(ran.status.success(), "{machine}: {}", String::from_utf8_lossy(&ran.stderr));
@@ -74,19 +64,35 @@ fn run(dir: &Path, source: &CSource, (machine, options): (&str, &[&str]), all: &
 #[ignore = "needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm"]
 fn cortex_m_has_the_services_bits() {
     assert!(is_here("arm-none-eabi-gcc") && is_here("qemu-system-arm"), "install them");
-    let spread = |cases: Vec<_>, step| cases.into_iter().step_by(step);
     let cases = spread(effects(), 9).chain(spread(learned(), 6)).chain(spread(terms(), 8));
     for (index, (name, model)) in cases.enumerate() {
-        let all = readings(&model, 1000, 90 + index as u64);
+        let all = readings(&model, count(), 90 + index as u64);
         let service = expected(&model, &all).expect("a pipeline");
         let source = CExport::new("damper", &model).source().expect("it is exported");
         let dir = tempfile::tempdir().expect("a directory");
         write(dir.path(), &source);
         for processor in PROCESSORS {
-            let found = run(dir.path(), &source, processor, &all);
+            let found = run(dir.path(), &source, processor, &all, &["-O2"], &[]);
             let exported: Vec<_> = found.chunks_exact(24).map(parse).collect();
-            assert_same(&format!("{name}, {}", processor.0), &all, &service, &exported);
+            assert_same(&format!("{name}, {}", processor.name), &all, &service, &exported);
         }
+    }
+}
+
+#[test]
+#[ignore = "needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm"]
+fn cortex_m_has_the_services_bits_on_corrected_stamps() {
+    assert!(is_here("arm-none-eabi-gcc") && is_here("qemu-system-arm"), "install them");
+    let model = fuzzy_tanh();
+    let all = with_late_stamps(readings(&model, 3 * count(), 95), 95);
+    let service = expected(&model, &all).expect("a pipeline");
+    let source = CExport::new("damper", &model).corrected_stamps().source().expect("it is exported");
+    let dir = tempfile::tempdir().expect("a directory");
+    write(dir.path(), &source);
+    for processor in PROCESSORS {
+        let found = run(dir.path(), &source, processor, &all, &["-O2"], &[]);
+        let exported: Vec<_> = found.chunks_exact(24).map(parse).collect();
+        assert_same(processor.name, &all, &service, &exported);
     }
 }
 
@@ -97,14 +103,14 @@ fn cortex_m_has_the_services_commands() {
     let lag = with(fuzzy_tanh(), &[Effect::CoilLag.example(), Effect::GasSpring.example()]);
     for method in Method::ALL {
         let model = with_learned(lag, method, 1e-3);
-        let own = Prepared::of(&model, method, TIGHT, 1000, 77).expect("an inverse");
+        let own = Prepared::of(&model, method, TIGHT, count(), 77).expect("an inverse");
         let dir = tempfile::tempdir().expect("a directory");
         write(dir.path(), &own.source);
         for processor in PROCESSORS {
-            let what = format!("{}, {}", method.name(), processor.0);
-            let seen = own.compare(&what, &run(dir.path(), &own.source, processor, &own.all));
-            assert!(seen.forces > 300, "{what}: {seen:?}");
-            assert!(method.learned().is_none() || seen.learned > 30, "{what}: {seen:?}");
+            let what = format!("{}, {}", method.name(), processor.name);
+            let seen = own.compare(&what, &run(dir.path(), &own.source, processor, &own.all, &["-O2"], &[]));
+            assert!(seen.forces > 3 * count() / 10, "{what}: {seen:?}");
+            assert!(method.learned().is_none() || seen.learned > 3 * count() / 100, "{what}: {seen:?}");
         }
     }
 }
@@ -113,19 +119,45 @@ fn cortex_m_has_the_services_commands() {
 #[ignore = "needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm"]
 fn cortex_m_has_the_hosts_bits_in_single_precision() {
     assert!(is_here("arm-none-eabi-gcc") && is_here("qemu-system-arm"), "install them");
-    let spread = |cases: Vec<_>, step| cases.into_iter().step_by(step);
     let cases = spread(effects(), 9).chain(spread(forces(), 6)).chain(spread(terms(), 8));
     for (index, (name, model)) in cases.enumerate() {
-        let all = readings(&model, 1000, 140 + index as u64);
+        let all = readings(&model, count(), 140 + index as u64);
         let source =
             CExport::new("damper", &model).precision(Precision::Single).source().expect("it is exported");
         let dir = tempfile::tempdir().expect("a directory");
         write(dir.path(), &source);
         let host = run_bytes(dir.path(), &source, "gcc", "-O2", &all);
         for processor in PROCESSORS {
-            assert!(run(dir.path(), &source, processor, &all) == host, "{name}, {}", processor.0);
+            assert!(
+                run(dir.path(), &source, processor, &all, &["-O2"], &[]) == host,
+                "{name}, {}",
+                processor.name
+            );
         }
     }
+}
+
+#[test]
+#[ignore = "needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm"]
+fn instructions_of_a_step_are_counted() {
+    assert!(is_here("arm-none-eabi-gcc") && is_here("qemu-system-arm"), "install them");
+    let all = readings(&fuzzy_tanh(), 500, 3);
+    let count = |precision, processor, more: &[&str]| {
+        let model = fuzzy_tanh();
+        let source = CExport::new("damper", &model).precision(precision).source().expect("it is exported");
+        let dir = tempfile::tempdir().expect("a directory");
+        write(dir.path(), &source);
+        let options = [&["-Os", "-DTICKS"], more].concat();
+        Instructions::of(&run(dir.path(), &source, processor, &all, &options, &COUNTED)).expect("a count")
+    };
+    let double = count(Precision::Double, Processor::M4F, &[]);
+    // Two more instructions before each step and one after it, and nothing else.
+    let single = count(Precision::Single, Processor::M4F, &[]);
+    let native = count(Precision::Double, Processor::M7, &[]);
+    println!("M4F: {double}; in single precision: {single}; M7: {native}");
+    assert!(double.mean > 5 * single.mean && double.mean > 5 * native.mean, "{double} {single} {native}");
+    assert!(native.mean > 500 && single.mean > 500, "{single} {native}");
+    assert!([double, single, native].iter().all(|found| found.most >= found.mean));
 }
 
 #[test]
@@ -148,7 +180,7 @@ fn assert_small(model: &Model, precision: Precision, most: [u64; 2]) {
     let compile = |name: &str, more: &[&str]| {
         let done = Command::new("arm-none-eabi-gcc")
             .current_dir(dir.path())
-            .args(PROCESSORS[1].1)
+            .args(Processor::M4F.options)
             .args(["-std=c99", "-Os", "-ffunction-sections", "-fstack-usage", "-c", name])
             .args(more)
             .status();

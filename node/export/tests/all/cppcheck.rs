@@ -35,10 +35,12 @@ fn cppcheck_finds_nothing_that_is_not_justified() {
     assert!(is_here("cppcheck"), "install it");
     let mut found = Vec::new();
     let all = [forces(), learned(), conditionings(), effects(), terms()].concat();
-    for (name, model) in all.iter().step_by(3) {
+    for (index, (name, model)) in all.iter().step_by(3).enumerate() {
         for precision in [Precision::Double, Precision::Single] {
+            let export = CExport::new("damper", model).precision(precision);
+            let export = if index % 2 == 0 { export.corrected_stamps() } else { export };
             // Lazy learning has no code in single precision.
-            let Ok(source) = CExport::new("damper", model).precision(precision).source() else { continue };
+            let Ok(source) = export.source() else { continue };
             let dir = tempfile::tempdir().expect("a directory");
             std::fs::write(dir.path().join("damper.h"), &source.header).expect("written");
             std::fs::write(dir.path().join("damper.c"), &source.source).expect("written");

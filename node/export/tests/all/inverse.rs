@@ -1,10 +1,10 @@
 //! The exported inverse controller against the service's, bit for bit.
 
-use crate::back_to_back::assert_same;
+use crate::back_to_back::{assert_same, is_quick, sample_count};
 use crate::cases::{Case, effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::{compilers, parse, run_bytes, write};
 use mr_damper_export::vectors::{
-    Expected, ExpectedCommand, Readings, expected_commands, readings, with_requests,
+    Expected, ExpectedCommand, Readings, expected_commands, readings, with_late_stamps, with_requests,
 };
 use mr_damper_export::{CExport, CSource};
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
@@ -20,15 +20,9 @@ use mr_damper_model::units::Second;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Commands of a case: few in a quick run, or MR_DAMPER_EXPORT_SAMPLES.
+/// Commands of a case.
 fn count() -> usize {
-    std::env::var("MR_DAMPER_EXPORT_SAMPLES").ok().and_then(|text| text.parse().ok()).unwrap_or(QUICK)
-}
-
-const QUICK: usize = 3_000;
-
-fn is_quick() -> bool {
-    count() <= QUICK
+    if is_quick() { 3_000 } else { sample_count() }
 }
 
 /// Numbers of commands.
@@ -127,18 +121,26 @@ pub(crate) struct Prepared {
 impl Prepared {
     /// `None` for a model without an inverse by `method`.
     pub(crate) fn of(model: &Model, method: Method, limits: Limits, count: usize, seed: u64) -> Option<Self> {
-        Self::on(readings(model, count, seed), model, method, limits, seed)
+        let export = CExport::new("damper", model);
+        Self::on(readings(model, count, seed), &export, model, method, limits, seed)
     }
 
-    /// The same for these readings, to which it adds requests.
-    fn on(all: Vec<Readings>, model: &Model, method: Method, limits: Limits, seed: u64) -> Option<Self> {
+    /// The same for these readings, to which it adds requests, and for an export of `model` without an inverse, to which it adds one.
+    fn on(
+        all: Vec<Readings>,
+        export: &CExport<'_>,
+        model: &Model,
+        method: Method,
+        limits: Limits,
+        seed: u64,
+    ) -> Option<Self> {
         let controller = InverseController::with_method(model, limits, method).ok()?;
         let parts = controller.parts().expect("it has an inverse");
         let settings = Settings { limits, method, ..Settings::default() };
         let all = with_requests(all, parts.most_n, seed);
         let both = expected_commands(model, &settings, &all).expect("a pipeline");
         let (estimates, commands): (Vec<_>, Vec<_>) = both.into_iter().unzip();
-        let source = CExport::new("damper", model).inverse(&parts).source().expect("it is exported");
+        let source = export.clone().inverse(&parts).source().expect("it is exported");
         Some(Self { source, all, estimates, commands })
     }
 
@@ -317,7 +319,9 @@ fn learned_inverses_have_the_services_commands() {
             let model = with_learned(model, method, period_s);
             let limits = if index / 2 % 2 == 0 { TIGHT } else { Limits::default() };
             let seed = 800 + (3 * index + kind) as u64;
-            let own = Prepared::on(with_gaps(readings(&model, count(), seed)), &model, method, limits, seed);
+            let (all_readings, export) =
+                (with_gaps(readings(&model, count(), seed)), CExport::new("damper", &model));
+            let own = Prepared::on(all_readings, &export, &model, method, limits, seed);
             let name = format!("{name}, {}", method.name());
             let own = own.unwrap_or_else(|| panic!("{name}: no inverse"));
             let seen = compare(&name, &own, seed);
@@ -356,12 +360,25 @@ fn a_learned_network_follows_a_rate_within_a_quarter_of_its_own() {
         let model = with_learned(fuzzy_tanh(), method, 1e-3);
         let all = readings(&model, count(), 950);
         let other = with_learned(fuzzy_tanh(), method, share * 1e-3);
-        let own = Prepared::on(all, &other, method, TIGHT, 950).expect("an inverse");
+        let export = CExport::new("damper", &other);
+        let own = Prepared::on(all, &export, &other, method, TIGHT, 950).expect("an inverse");
         let seen = compare(&format!("{} at {share} of its rate", method.name()), &own, 950);
         if follows {
             assert!(seen.learned > 100, "{share}: {seen:?}");
         } else {
             assert!(seen.learned == 0 && seen.substituted > 100, "{share}: {seen:?}");
         }
+    }
+}
+
+#[test]
+fn commands_on_corrected_stamps_are_the_services() {
+    for (index, method) in Method::ALL.into_iter().enumerate() {
+        let seed = 960 + index as u64;
+        let model = with_learned(with(fuzzy_tanh(), &[Effect::CoilLag.example()]), method, 1e-3);
+        let all = with_late_stamps(readings(&model, count(), seed), seed);
+        let export = CExport::new("damper", &model).corrected_stamps();
+        let own = Prepared::on(all, &export, &model, method, TIGHT, seed).expect("an inverse");
+        compare(&format!("{} on corrected stamps", method.name()), &own, seed);
     }
 }

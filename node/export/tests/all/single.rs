@@ -5,17 +5,19 @@ use crate::back_to_back::sample_count;
 use crate::cases::{Case, conditionings, effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::{compilers, parse, run_bytes, write};
 use crate::inverse::{TIGHT, with_learned};
-use mr_damper_export::vectors::{Expected, expected, expected_commands, readings, with_requests};
+use mr_damper_export::fmu::{FmiVersion, Fmu};
+use mr_damper_export::vectors::{
+    Expected, Readings, expected, expected_commands, readings, with_late_stamps, with_requests,
+};
 use mr_damper_export::{CExport, Difference, ExportError, Precision};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::inverse::{InverseController, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::Settings;
 
-fn difference(name: &str, model: &Model, seed: u64) -> Difference {
-    let all = readings(model, sample_count(), seed);
-    let service = expected(model, &all).expect("a pipeline");
-    let source = CExport::new("damper", model).precision(Precision::Single).source().expect("it is exported");
+fn difference(name: &str, export: CExport<'_>, model: &Model, all: &[Readings], seed: u64) -> Difference {
+    let service = expected(model, all).expect("a pipeline");
+    let source = export.precision(Precision::Single).source().expect("it is exported");
     let dir = tempfile::tempdir().expect("a directory");
     write(dir.path(), &source);
     // A quick run takes the second compiler for every third case.
@@ -24,7 +26,7 @@ fn difference(name: &str, model: &Model, seed: u64) -> Difference {
         .into_iter()
         .zip(["-O3", "-O0"])
         .take(if is_compared { 2 } else { 1 })
-        .map(|(compiler, level)| run_bytes(dir.path(), &source, compiler, level, &all))
+        .map(|(compiler, level)| run_bytes(dir.path(), &source, compiler, level, all))
         .collect();
     assert!(outputs.windows(2).all(|pair| pair[0] == pair[1]), "{name}: the compilers differ");
     let exported: Vec<Expected> = outputs[0].chunks_exact(24).map(parse).collect();
@@ -57,7 +59,9 @@ fn kind(name: &str) -> Kind {
 fn check(cases: &[Case]) {
     let mut failed = Vec::new();
     for (index, (name, model)) in cases.iter().enumerate() {
-        let own = difference(name, model, 22 + index as u64);
+        let seed = 22 + index as u64;
+        let all = readings(model, sample_count(), seed);
+        let own = difference(name, CExport::new("damper", model), model, &all, seed);
         let (largest, rms) = (own.largest_share(), own.rms_share());
         println!("{name}: largest {largest:.1e}, rms {rms:.1e}, far {}, other {}", own.far, own.other);
         let fits = match kind(name) {
@@ -134,4 +138,22 @@ fn commands_in_single_precision_differ_by_rounding_errors() {
         );
         assert!(commands > sample_count() / 2 && 100 * far <= commands, "{}", method.name());
     }
+}
+
+#[test]
+fn code_in_single_precision_has_no_fmu() {
+    let source = CExport::new("damper", &fuzzy_tanh()).precision(Precision::Single).source().expect("code");
+    let written = Fmu::new(&source, FmiVersion::V3).archive(None);
+    assert_eq!(written, Err(ExportError::FmuPrecision));
+}
+
+/// The choice between stamps and even times moves by a sample or two.
+#[test]
+fn corrected_stamps_in_single_precision_differ_by_rounding_errors() {
+    let model = fuzzy_tanh();
+    let all = with_late_stamps(readings(&model, sample_count(), 30), 30);
+    let export = CExport::new("damper", &model).corrected_stamps();
+    let own = difference("corrected stamps", export, &model, &all, 30);
+    println!("largest {:.1e}, rms {:.1e}, far {}", own.largest_share(), own.rms_share(), own.far);
+    assert!(own.far as f64 <= 5e-3 * own.samples as f64, "{own:?}");
 }

@@ -1,13 +1,15 @@
 //! `mr-damper export`: a model as C99 source for an electronic control unit, and as FMU for a simulator.
 
 mod compilers;
+mod cortex;
 
 use crate::commands::context::CliContext;
 use crate::estimation::models;
 use crate::settings::error::{NodeError, PartError};
 use mr_damper_base::shown;
 use mr_damper_export::fmu::{FmiVersion, Fmu};
-use mr_damper_export::{CExport, CSource, ExportError, Precision, a2l, vectors};
+use mr_damper_export::vectors::{self, Readings};
+use mr_damper_export::{CExport, CSource, ExportError, Precision, a2l};
 use mr_damper_model::inverse::{InverseController, InverseParts, Limits, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Models, Settings};
@@ -50,6 +52,10 @@ pub struct Args {
     /// Write the code in single precision. Only in the files of --c; --vectors has the node's results, in double precision.
     #[arg(long, requires = "c", conflicts_with = "fmu")]
     float: bool,
+    /// Also correct stamps that jitter, as the node does. Without this, the code takes each stamp as the time at which its
+    /// displacement was taken, as the time of a periodic task is.
+    #[arg(long, requires = "c", conflicts_with = "fmu")]
+    correct_stamps: bool,
     /// Also write the inverse controller, which commands a coil current for a requested force. The current comes from a
     /// search on the model, from a function fitted to the model (polynomial, fuzzy), or from a learned inverse, which
     /// identify --inverse puts into the model file (chen, wang-liao, wang-hu).
@@ -124,16 +130,23 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         .precision(precision)
         .provenance(format!("From {}.", args.model))
         .provenance(format!("Model hash {hash}, as the node publishes it."));
+    if args.correct_stamps {
+        export = export.corrected_stamps();
+    }
     let written_from = |export: &CExport<'_>| {
         export.source().map_err(|error| match error {
             ExportError::Name { .. } => NodeError::Usage(error.to_string()),
             other => other.into(),
         })
     };
+    let generated = |count: usize| {
+        let readings = vectors::readings(&model, count, 1);
+        if args.correct_stamps { vectors::with_late_stamps(readings, 1) } else { readings }
+    };
     let settings = args.settings();
     let inverse = args.inverse_parts(&model, &settings)?;
     if args.float {
-        for line in compilers::difference(&written_from(&export)?, &model, context)? {
+        for line in compilers::difference(&written_from(&export)?, &model, &generated(COMPARED), context)? {
             export = export.provenance(line);
         }
     }
@@ -144,9 +157,10 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     // The size in a control unit does not concern a simulator.
     let simulated = source.clone();
     if args.c.is_some() {
-        match compilers::footprint(&source) {
+        let readings = with_requests(generated(COUNTED), inverse.as_ref());
+        match cortex::footprint(&source, &readings) {
             Ok(lines) => export = lines.into_iter().fold(export, CExport::provenance),
-            Err(error) => eprintln!("the header does not state flash and stack: {error}"),
+            Err(error) => eprintln!("the header does not state what a step takes: {error}"),
         }
         source = written_from(&export)?;
     }
@@ -165,18 +179,16 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         written.push(path.clone());
     }
     if let Some(path) = &args.vectors {
-        let mut readings = vectors::readings(&model, args.vector_count as usize, 1);
+        let mut readings = generated(args.vector_count as usize);
         if args.fmu.is_some() {
             readings = vectors::increasing(readings);
             if inverse.is_some() {
                 readings = vectors::with_lost_samples(readings);
             }
         }
+        readings = with_requests(readings, inverse.as_ref());
         let text = match &inverse {
-            Some(parts) => {
-                let readings = vectors::with_requests(readings, parts.most_n, 1);
-                vectors::csv_with_commands(&model, &settings, &readings)?
-            }
+            Some(_) => vectors::csv_with_commands(&model, &settings, &readings)?,
             None => vectors::csv(&model, &readings)?,
         };
         write(&mut written, path.clone(), &text)?;
@@ -190,6 +202,20 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         }
     }
     Ok(())
+}
+
+/// Readings on which code in single precision is compared with the service.
+const COMPARED: usize = 20_000;
+
+/// Readings on which the instructions of a step are counted.
+const COUNTED: usize = 500;
+
+/// The readings, with requested forces if there is an inverse.
+fn with_requests(readings: Vec<Readings>, inverse: Option<&InverseParts>) -> Vec<Readings> {
+    match inverse {
+        Some(parts) => vectors::with_requests(readings, parts.most_n, 1),
+        None => readings,
+    }
 }
 
 fn calibration_file(args: &Args, source: &CSource) -> String {
