@@ -133,8 +133,8 @@ def test_errors_have_the_fields_of_their_kind(files):
 
 def test_every_option_of_identify_is_an_option_of_the_model(command):
     text = command("identify", "--help").stdout
-    # In Python, files are written by methods, and progress and logs are the caller's.
-    others = {"out", "fis", "report", "json", "validate", "quiet", "log_format", "help", "version", "coefficients", "bootstrap"}
+    # In Python, files are written by methods; printing, progress and logs are the caller's.
+    others = {"out", "fis", "report", "json", "validate", "quiet", "log_format", "help", "version", "coefficients", "bootstrap", "units"}
     flags = {flag.replace("-", "_") for flag in re.findall(r"^ +(?:-\w, )?--([a-z-]+)", text, re.MULTILINE)} - others
     options = set(inspect.signature(mr_damper.DamperModel).parameters)
     assert {"fit_variant" if flag == "fit" else flag for flag in flags} == options
