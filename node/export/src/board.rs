@@ -1,6 +1,6 @@
 //! Programs for Cortex-M processors on QEMU's MPS2 boards, and the instructions that a step takes there.
 //!
-//! QEMU lets each instruction take 256 ns of the board's time (`-icount shift=8`). The timer of the processor, SysTick, counts steps of 40 ns.
+//! QEMU lets each instruction take 32 ns of the board's time (`-icount shift=5`). The timer of the processor, SysTick, counts steps of 40 ns.
 //! So a program counts its own instructions: [`driver`](crate::driver::driver), compiled with `-DTICKS`.
 
 use std::fmt;
@@ -54,7 +54,7 @@ impl Processor {
 }
 
 /// More options of `qemu-system-arm`, with which the timer counts instructions.
-pub const COUNTED: [&str; 2] = ["-icount", "shift=8"];
+pub const COUNTED: [&str; 2] = ["-icount", "shift=5"];
 
 /// Options of the linker: the script [`LINK`] in the file `link.ld`, and files of this machine for the C library (newlib).
 pub const LINKED: [&str; 3] = ["--specs=rdimon.specs", "-T", "link.ld"];
@@ -103,11 +103,11 @@ impl fmt::Display for Instructions {
 
 impl Instructions {
     /// Instructions from what the driver writes with `-DTICKS`; `None` if it accepted nothing, or if a step took more than the timer holds
-    /// (2.6 million instructions).
+    /// (20 million instructions).
     #[must_use]
     pub fn of(written: &[u8]) -> Option<Self> {
-        // An instruction takes 256 ns, a tick 40 ns.
-        let instructions = |ticks: u64| (ticks * 40 + 128) / 256;
+        // An instruction takes 32 ns, a tick 40 ns.
+        let instructions = |ticks: u64| (ticks * 40 + 16) / 32;
         let (mut sum, mut accepted, mut most) = (0, 0, 0);
         for word in written.as_chunks::<4>().0 {
             let word = u64::from(u32::from_le_bytes(*word));
@@ -137,8 +137,8 @@ mod tests {
     fn ticks_become_instructions() {
         let written = |words: &[u32]| words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<u8>>();
         let accepted = 1 << 31;
-        // 64 ticks are 10 instructions; a refused reading does not count towards the mean.
-        let found = Instructions::of(&written(&[accepted | 64, accepted | 192, 640]));
+        // 8 ticks are 10 instructions; a refused reading does not count towards the mean.
+        let found = Instructions::of(&written(&[accepted | 8, accepted | 24, 80]));
         assert_eq!(found, Some(Instructions { mean: 20, most: 100 }));
         assert_eq!(Instructions::of(&written(&[640])), None, "nothing was accepted");
         assert_eq!(Instructions::of(&written(&[accepted | 64, accepted | 1 << 30])), None, "too long");

@@ -31,8 +31,8 @@
 //! fragments that know how a number is stored, or how large its rounding error is.
 //!
 //! Not exported: modes and bumpless transfer between them, measured force and one-step prediction, plausibility checks over
-//! several channels, and bands. The correction of stamps that jitter is exported on request ([`CExport::corrected_stamps`]). The inverse controller follows requested forces; its other control
-//! laws and its feedback of measured force are not exported.
+//! several channels, and bands. The inverse controller follows requested forces; its other control laws and its feedback of measured
+//! force are not exported. The correction of stamps that jitter is exported on request ([`CExport::corrected_stamps`]).
 
 pub mod a2l;
 pub mod board;

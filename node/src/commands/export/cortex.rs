@@ -1,4 +1,5 @@
-//! What an export takes on Cortex-M processors, for its header: memory by `arm-none-eabi-gcc`, instructions by QEMU. A machine needs neither.
+//! The memory and the instructions of an export on Cortex-M processors, for its header: by `arm-none-eabi-gcc` and by QEMU. A machine needs
+//! neither.
 
 use super::compilers::{compiler_folder, read, run, write_code};
 use crate::settings::error::NodeError;
@@ -31,7 +32,10 @@ pub(super) fn footprint(source: &CSource, readings: &[Readings]) -> Result<Vec<S
     for processor in STATED {
         let mut line = format!("{}: {}", processor.name, memory(folder, source, processor)?);
         if counted {
-            line += &format!("; {}", instructions(folder, source, processor, readings)?);
+            line += &match instructions(folder, source, processor, readings) {
+                Ok(instructions) => format!("; {instructions}"),
+                Err(error) => format!("; the instructions of a step were not counted: {error}"),
+            };
         }
         lines.push(line + ".");
     }
