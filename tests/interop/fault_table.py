@@ -15,7 +15,7 @@ and the delays of the other messages. Readers on another host get one, at a swit
     unplug    the reader is on another host, whose cable is unplugged
 
 usage: fault_table.py [--node BINARY] [--ecu BINARY] [--build NAME] [--rates 500,1000,4x1000] [--cases rclpy-kill,...] [--seconds 25]
-                      [--quiet 8] [--realtime PRIORITY]
+                      [--quiet 8] [--realtime PRIORITY] [--node-realtime PRIORITY]
 
 Progress goes to stderr; Markdown tables and then one line of JSON go to stdout. Exit code 1 if an answer was lost.
 """
@@ -145,8 +145,9 @@ class Session:
             self.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
         names = ",".join(f"d{k}" for k in range(dampers))
         parameters = [f"model:={MODEL}", f"dampers:=[{names}]", "law:=fixed"]
-        if args.realtime:
-            parameters.append(f"realtime_priority:={args.realtime}")
+        priority = args.realtime or args.node_realtime
+        if priority:
+            parameters.append(f"realtime_priority:={priority}")
         ros_args = [word for parameter in parameters for word in ("-p", parameter)]
         self.node = self.program(self.hosts[0], [args.node, "node", "--ros-args", *ros_args], "node")
         reach = [] if subnet else ["--loopback"]
@@ -298,6 +299,7 @@ def main():
     parser.add_argument("--cases", default=",".join(CASES))
     parser.add_argument("--seconds", type=float, default=25.0, help="time to observe a fault; the lease of rclpy is 20 s")
     parser.add_argument("--quiet", type=float, default=8.0, help="seconds without a victim after each case")
+    parser.add_argument("--node-realtime", type=int, metavar="PRIORITY", help="realtime_priority of the node alone; -1: if permitted")
     parser.add_argument("--realtime", type=int, metavar="PRIORITY", help="SCHED_FIFO priority of node and ECU; the failing reader has none")
     args = parser.parse_args()
     if os.geteuid() != 0:
