@@ -33,7 +33,7 @@ impl Processor {
         machine: "mps2-an500",
     };
 
-    /// Options of `qemu-system-arm` that run `program`, whose files are those of this machine, in the current folder.
+    /// Options of `qemu-system-arm` that run `program`. It reads and writes files of this machine, in the current folder.
     #[must_use]
     pub const fn qemu(self, program: &str) -> [&str; 11] {
         let files = "enable=on,target=native";

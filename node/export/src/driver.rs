@@ -9,8 +9,8 @@
 //!
 //! Words are `uint32_t`, the time is `int64_t`, and numbers are `double`, also around code in single precision.
 //!
-//! With `-DTICKS`, on a Cortex-M processor, it writes one word for each sample in their place: the ticks of the processor's timer during the
-//! step, and above them whether the timer ran out (bit 30), and whether the reading was accepted (bit 31).
+//! With `-DTICKS`, on a Cortex-M processor, it writes one word for each sample instead. Its low bits count the ticks of the processor's timer
+//! during the step. Bit 30 is set if the timer ran out, and bit 31 if the reading was accepted.
 
 use crate::source::CSource;
 use crate::vectors::{Expected, Readings, SILENCE_NS};

@@ -157,7 +157,7 @@ pub struct ExpectedCommand {
 pub const SILENCE_NS: i64 = 300_000_000;
 
 /// `all` with stamps that are late by a varying part of the sample period, up to nine tenths, in stretches with less and more of it. The
-/// displacements stay those of the even times, as from a driver that stamps late.
+/// displacements do not change, as with a driver that samples at even times and stamps late.
 #[must_use]
 pub fn with_late_stamps(mut all: Vec<Readings>, seed: u64) -> Vec<Readings> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);

@@ -319,9 +319,15 @@ fn learned_inverses_have_the_services_commands() {
             let model = with_learned(model, method, period_s);
             let limits = if index / 2 % 2 == 0 { TIGHT } else { Limits::default() };
             let seed = 800 + (3 * index + kind) as u64;
-            let (all_readings, export) =
-                (with_gaps(readings(&model, count(), seed)), CExport::new("damper", &model));
-            let own = Prepared::on(all_readings, &export, &model, method, limits, seed);
+            let export = CExport::new("damper", &model);
+            let own = Prepared::on(
+                with_gaps(readings(&model, count(), seed)),
+                &export,
+                &model,
+                method,
+                limits,
+                seed,
+            );
             let name = format!("{name}, {}", method.name());
             let own = own.unwrap_or_else(|| panic!("{name}: no inverse"));
             let seen = compare(&name, &own, seed);
