@@ -35,6 +35,7 @@
 //! force are not exported. The correction of stamps that jitter is exported on request ([`CExport::corrected_stamps`]).
 
 pub mod a2l;
+pub mod arm;
 pub mod board;
 mod difference;
 pub mod driver;

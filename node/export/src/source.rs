@@ -2,6 +2,7 @@
 
 mod parameters;
 
+use crate::arm::SUM_FILE;
 use crate::error::ExportError;
 use crate::features::Features;
 use crate::forces::Force;
@@ -340,9 +341,13 @@ impl<'a> CExport<'a> {
         lines.push(
             "Written by `mr-damper export`. C99; needs no C library, no heap and no globals.".to_owned(),
         );
-        lines.push(match self.precision {
-            Precision::Double => "double throughout: the bits of the service.".to_owned(),
-            Precision::Single => "float throughout: the service computes in double.".to_owned(),
+        lines.extend(match self.precision {
+            Precision::Double => vec![
+                "double throughout: the bits of the service. On an Arm processor without an FPU for doubles,"
+                    .to_owned(),
+                format!("GCC's sums need {SUM_FILE}; it says why, and how to link it."),
+            ],
+            Precision::Single => vec!["float throughout: the service computes in double.".to_owned()],
         });
         format!("/* {} */\n", lines.join("\n   "))
     }

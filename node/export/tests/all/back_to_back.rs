@@ -1,9 +1,12 @@
 //! Exported code against the pipeline of the service, bit for bit.
 
-use crate::cases::{Case, conditionings, effects, forces, fuzzy_tanh, learned, terms};
+use crate::cases::{Case, conditionings, each_once, effects, forces, fuzzy_tanh, learned, terms};
 use crate::compile::{compilers, run, write};
 use mr_damper_export::CExport;
 use mr_damper_export::vectors::{Expected, Readings, expected, readings, with_late_stamps};
+use std::num::NonZero;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
 
 /// Samples of a case, if MR_DAMPER_EXPORT_SAMPLES says how many; a quick run takes few.
 fn requested_count() -> Option<usize> {
@@ -37,21 +40,39 @@ pub(crate) fn assert_same(what: &str, readings: &[Readings], service: &[Expected
     }
 }
 
-/// Whether the code corrects stamps, and the readings have stamps that jitter.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Stamps {
-    Even,
-    Late,
+/// Calls `work` with every case and its number, on every processor. A long run prints each case as it is done.
+pub(crate) fn each(cases: &[Case], work: impl Fn(usize, &Case) + Sync) {
+    let next = AtomicUsize::new(0);
+    let test = std::thread::current().name().unwrap_or_default().to_owned();
+    let run = || {
+        while let Some((index, case)) = take(cases, &next) {
+            let started = Instant::now();
+            work(index, case);
+            if !is_quick() {
+                let (seconds, last) = (started.elapsed().as_secs(), cases.len() - 1);
+                eprintln!("{test}, {index} of 0 to {last}, {}: same bits, {seconds} s", case.0);
+            }
+        }
+    };
+    // In a quick run the tests have the processors.
+    let threads = if is_quick() { 1 } else { std::thread::available_parallelism().map_or(1, NonZero::get) };
+    std::thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(run))));
+}
+
+/// The next case that no thread has taken, and its number.
+fn take<'a>(cases: &'a [Case], next: &AtomicUsize) -> Option<(usize, &'a Case)> {
+    let index = next.fetch_add(1, Ordering::Relaxed);
+    Some((index, cases.get(index)?))
 }
 
 /// Compares every case on each compiler at two levels of optimisation.
-fn check(cases: &[Case], stamps: Stamps) {
+fn check(cases: &[Case], has_late_stamps: bool) {
     let count = sample_count();
-    for (index, (name, model)) in cases.iter().enumerate() {
+    each(cases, |index, (name, model)| {
         let seed = 22 + index as u64;
         let mut all = readings(model, count, seed);
         let mut export = CExport::new("damper", model).provenance(name.as_str());
-        if stamps == Stamps::Late {
+        if has_late_stamps {
             (all, export) = (with_late_stamps(all, seed), export.corrected_stamps());
         }
         let service = expected(model, &all).expect("a pipeline");
@@ -66,39 +87,45 @@ fn check(cases: &[Case], stamps: Stamps) {
                 assert_same(&format!("{name}, {compiler} {level}"), &all, &service, &exported);
             }
         }
-    }
+    });
 }
 
 #[test]
 fn every_force_model_has_the_services_bits() {
-    check(&forces(), Stamps::Even);
+    check(&forces(), false);
 }
 
 #[test]
 fn every_learned_model_has_the_services_bits() {
-    check(&learned(), Stamps::Even);
+    check(&learned(), false);
 }
 
 #[test]
 fn every_conditioning_has_the_services_bits() {
-    check(&conditionings(), Stamps::Even);
+    check(&conditionings(), false);
 }
 
 #[test]
 fn every_effect_has_the_services_bits() {
-    check(&effects(), Stamps::Even);
+    check(&effects(), false);
 }
 
 #[test]
 fn every_term_has_the_services_bits() {
-    check(&terms(), Stamps::Even);
+    check(&terms(), false);
+}
+
+#[test]
+#[ignore = "for .ci/bits: the tests above take more models, and fewer samples"]
+fn each_model_and_effect_has_the_services_bits() {
+    check(&each_once(), false);
 }
 
 #[test]
 fn corrected_stamps_have_the_services_bits() {
     let some = |cases: Vec<Case>, step: usize| cases.into_iter().step_by(step);
     let cases = some(effects(), 5).chain(some(forces(), 6)).chain(some(terms(), 12));
-    check(&conditionings().into_iter().chain(cases).collect::<Vec<_>>(), Stamps::Late);
+    check(&conditionings().into_iter().chain(cases).collect::<Vec<_>>(), true);
 }
 
 #[test]

@@ -72,6 +72,14 @@ pub(crate) fn forces() -> Vec<Case> {
         })
         .step_by(5)
         .collect();
+    all.extend(laws());
+    all.extend(lagged());
+    all
+}
+
+/// Each law without a drive, with polynomials of the current, and with fuzzy sets over it.
+fn laws() -> Vec<Case> {
+    let mut all = Vec::new();
     for kind in ForceLaw::ALL {
         for dependence in [
             Dependence::None,
@@ -81,6 +89,12 @@ pub(crate) fn forces() -> Vec<Case> {
             all.push((format!("{} {}", kind.name(), dependence.name()), of(law(kind, dependence))));
         }
     }
+    all
+}
+
+/// ARX and LPV models.
+fn lagged() -> Vec<Case> {
+    let mut all = Vec::new();
     let (force, x, v) = ([1.5, -0.7, 0.1], [900.0, -700.0, 40.0], [500.0, 120.0, -90.0]);
     let drive = Some((DriveKind::CoilCurrent, [60.0, -20.0, 5.0]));
     for drive in [None, drive] {
@@ -306,4 +320,21 @@ pub(crate) fn effects() -> Vec<Case> {
         all.push((format!("{name} with {}", titles.join(", ")), with(model, &list)));
     }
     all
+}
+
+/// Each law, model and effect once, and three combinations of two effects, for long comparisons. Each has a drive if it can; the laws have
+/// their dependences in turn.
+pub(crate) fn each_once() -> Vec<Case> {
+    let laws =
+        laws().into_iter().enumerate().filter(|(index, _)| index % 3 == index / 3 % 3).map(|(_, law)| law);
+    let is_driven =
+        |(name, _): &Case| ["true", "fuzzy", "driven", "First"].iter().any(|end| name.ends_with(end));
+    let models = [lagged(), learned()].concat().into_iter().filter(is_driven);
+    let thesis = ("fuzzy-tanh".to_owned(), fuzzy_tanh());
+    [thesis]
+        .into_iter()
+        .chain(laws)
+        .chain(models)
+        .chain(effects().into_iter().take(Effect::ALL.len() + 4))
+        .collect()
 }

@@ -1,9 +1,10 @@
 //! Exported code on Cortex-M processors under QEMU, bit for bit, and its size there.
 
-use crate::back_to_back::{assert_same, is_quick, sample_count};
-use crate::cases::{Case, effects, forces, fuzzy_tanh, learned, terms, with};
+use crate::back_to_back::{assert_same, each, is_quick, sample_count};
+use crate::cases::{Case, each_once, effects, forces, fuzzy_tanh, terms, with};
 use crate::compile::{WARNINGS, bytes, is_here, parse, run_bytes, write};
 use crate::inverse::{Prepared, TIGHT, with_learned};
+use mr_damper_export::arm::{SUM, SUM_FILE, SUM_LINKED};
 use mr_damper_export::board::{COUNTED, Instructions, LINK, LINKED, Processor, START};
 use mr_damper_export::vectors::{Readings, expected, readings, with_late_stamps};
 use mr_damper_export::{CExport, CSource, Precision};
@@ -14,7 +15,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// The processors whose bits are compared.
-const PROCESSORS: [Processor; 3] = [Processor::M3, Processor::M4F, Processor::M7];
+pub(crate) const PROCESSORS: [Processor; 3] = [Processor::M3, Processor::M4F, Processor::M7];
 
 /// Samples of a case: few in a quick run, or MR_DAMPER_EXPORT_SAMPLES.
 fn count() -> usize {
@@ -26,8 +27,8 @@ fn spread(cases: Vec<Case>, step: usize) -> impl Iterator<Item = Case> {
     cases.into_iter().step_by(if is_quick() { step } else { 1 })
 }
 
-/// What the driver writes on `processor`, compiled and run with more options.
-fn run(
+/// Compiles the export with its driver, and runs it on `processor`. Returns what the driver writes.
+pub(crate) fn run_on(
     dir: &Path,
     source: &CSource,
     processor: Processor,
@@ -35,18 +36,33 @@ fn run(
     compiled: &[&str],
     ran: &[&str],
 ) -> Vec<u8> {
+    std::fs::write(dir.join(SUM_FILE), SUM).expect("written");
+    std::fs::write(dir.join("in.bin"), bytes(all)).expect("written");
+    let code = format!("{}.c", source.name);
+    let options = [&["-DFILES", SUM_LINKED], compiled].concat();
+    on_board(dir, processor, &[&code, "driver.c", SUM_FILE], &options, ran)
+}
+
+/// Compiles `files` with these options, and runs the program on `processor` with more options of QEMU. Returns its file `out.bin`.
+pub(crate) fn on_board(
+    dir: &Path,
+    processor: Processor,
+    files: &[&str],
+    compiled: &[&str],
+    ran: &[&str],
+) -> Vec<u8> {
     std::fs::write(dir.join("start.c"), START).expect("written");
     std::fs::write(dir.join("link.ld"), LINK).expect("written");
-    std::fs::write(dir.join("in.bin"), bytes(all)).expect("written");
     let (machine, program) = (processor.machine, format!("{}.elf", processor.machine));
     let compiled = Command::new("arm-none-eabi-gcc")
         .current_dir(dir)
         .args(processor.options)
         .args(WARNINGS)
         .args(compiled)
-        .args(["-DFILES", "-o", &program])
+        .args(["-o", &program])
         .args(LINKED)
-        .args([&format!("{}.c", source.name), "driver.c", "start.c"])
+        .args(files)
+        .arg("start.c")
         .output()
         .expect("the compiler runs");
     assert!(compiled.status.success(), "{machine}: {}", String::from_utf8_lossy(&compiled.stderr));
@@ -64,19 +80,19 @@ fn run(
 #[ignore = "needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm"]
 fn cortex_m_has_the_services_bits() {
     assert!(is_here("arm-none-eabi-gcc") && is_here("qemu-system-arm"), "install them");
-    let cases = spread(effects(), 9).chain(spread(learned(), 6)).chain(spread(terms(), 8));
-    for (index, (name, model)) in cases.enumerate() {
-        let all = readings(&model, count(), 90 + index as u64);
-        let service = expected(&model, &all).expect("a pipeline");
-        let source = CExport::new("damper", &model).source().expect("it is exported");
+    let cases: Vec<Case> = each_once().into_iter().chain(terms().into_iter().step_by(8)).collect();
+    each(&cases, |index, (name, model)| {
+        let all = readings(model, count(), 90 + index as u64);
+        let service = expected(model, &all).expect("a pipeline");
+        let source = CExport::new("damper", model).source().expect("it is exported");
         let dir = tempfile::tempdir().expect("a directory");
         write(dir.path(), &source);
         for processor in PROCESSORS {
-            let found = run(dir.path(), &source, processor, &all, &["-O2"], &[]);
+            let found = run_on(dir.path(), &source, processor, &all, &["-O2"], &[]);
             let exported: Vec<_> = found.chunks_exact(24).map(parse).collect();
             assert_same(&format!("{name}, {}", processor.name), &all, &service, &exported);
         }
-    }
+    });
 }
 
 #[test]
@@ -90,7 +106,7 @@ fn cortex_m_has_the_services_bits_on_corrected_stamps() {
     let dir = tempfile::tempdir().expect("a directory");
     write(dir.path(), &source);
     for processor in PROCESSORS {
-        let found = run(dir.path(), &source, processor, &all, &["-O2"], &[]);
+        let found = run_on(dir.path(), &source, processor, &all, &["-O2"], &[]);
         let exported: Vec<_> = found.chunks_exact(24).map(parse).collect();
         assert_same(processor.name, &all, &service, &exported);
     }
@@ -108,7 +124,8 @@ fn cortex_m_has_the_services_commands() {
         write(dir.path(), &own.source);
         for processor in PROCESSORS {
             let what = format!("{}, {}", method.name(), processor.name);
-            let seen = own.compare(&what, &run(dir.path(), &own.source, processor, &own.all, &["-O2"], &[]));
+            let seen =
+                own.compare(&what, &run_on(dir.path(), &own.source, processor, &own.all, &["-O2"], &[]));
             assert!(seen.forces > 3 * count() / 10, "{what}: {seen:?}");
             assert!(method.learned().is_none() || seen.learned > 3 * count() / 100, "{what}: {seen:?}");
         }
@@ -119,22 +136,23 @@ fn cortex_m_has_the_services_commands() {
 #[ignore = "needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm"]
 fn cortex_m_has_the_hosts_bits_in_single_precision() {
     assert!(is_here("arm-none-eabi-gcc") && is_here("qemu-system-arm"), "install them");
-    let cases = spread(effects(), 9).chain(spread(forces(), 6)).chain(spread(terms(), 8));
-    for (index, (name, model)) in cases.enumerate() {
-        let all = readings(&model, count(), 140 + index as u64);
+    let cases: Vec<Case> =
+        spread(effects(), 9).chain(spread(forces(), 6)).chain(spread(terms(), 8)).collect();
+    each(&cases, |index, (name, model)| {
+        let all = readings(model, count(), 140 + index as u64);
         let source =
-            CExport::new("damper", &model).precision(Precision::Single).source().expect("it is exported");
+            CExport::new("damper", model).precision(Precision::Single).source().expect("it is exported");
         let dir = tempfile::tempdir().expect("a directory");
         write(dir.path(), &source);
         let host = run_bytes(dir.path(), &source, "gcc", "-O2", &all);
         for processor in PROCESSORS {
             assert!(
-                run(dir.path(), &source, processor, &all, &["-O2"], &[]) == host,
+                run_on(dir.path(), &source, processor, &all, &["-O2"], &[]) == host,
                 "{name}, {}",
                 processor.name
             );
         }
-    }
+    });
 }
 
 #[test]
@@ -147,7 +165,7 @@ fn instructions_of_a_step_are_counted() {
         let source = CExport::new("damper", &model).precision(precision).source().expect("it is exported");
         let dir = tempfile::tempdir().expect("a directory");
         write(dir.path(), &source);
-        let written = run(dir.path(), &source, processor, &all, &["-Os", "-DTICKS"], &COUNTED);
+        let written = run_on(dir.path(), &source, processor, &all, &["-Os", "-DTICKS"], &COUNTED);
         Instructions::of(&written).expect("a count")
     };
     let double = count(Precision::Double, Processor::M4F);

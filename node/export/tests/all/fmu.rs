@@ -121,13 +121,18 @@ fn assert_description(name: &str, source: &CSource, outputs: usize) {
     }
 }
 
-/// Writes the sources of an FMU, and compiles them with `importer` as a program.
-fn build(dir: &Path, fmu: &Fmu<'_>, compiler: &str, importer: &str) {
+/// Writes the sources of an FMU.
+pub(crate) fn write_sources(dir: &Path, fmu: &Fmu<'_>) {
     for (path, text) in fmu.files().expect("written") {
         if let Some(name) = path.strip_prefix("sources/") {
             std::fs::write(dir.join(name), text).expect("written");
         }
     }
+}
+
+/// Compiles the sources of an FMU with `importer` as a program.
+fn build(dir: &Path, fmu: &Fmu<'_>, compiler: &str, importer: &str) {
+    write_sources(dir, fmu);
     std::fs::write(dir.join("importer.c"), importer).expect("written");
     std::fs::write(dir.join("importer.h"), include_str!("importer.h")).expect("written");
     let compiled = Command::new(compiler)
@@ -141,7 +146,7 @@ fn build(dir: &Path, fmu: &Fmu<'_>, compiler: &str, importer: &str) {
 }
 
 /// The value references of the inputs.
-fn inputs(source: &CSource) -> Vec<String> {
+pub(crate) fn inputs(source: &CSource) -> Vec<String> {
     let present =
         [true, source.drive.is_some(), source.needs_velocity, source.needs_temperature, source.has_inverse];
     (1..=5).zip(present).filter(|(_, is)| *is).map(|(reference, _)| format!("{reference}")).collect()

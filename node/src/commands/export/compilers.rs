@@ -3,9 +3,10 @@
 use crate::commands::context::CliContext;
 use crate::settings::error::NodeError;
 use mr_damper_base::shown;
+use mr_damper_export::arm::{SUM, SUM_FILE};
 use mr_damper_export::fmu::{FmiVersion, Fmu};
 use mr_damper_export::vectors::{self, Readings};
-use mr_damper_export::{CSource, Difference, driver};
+use mr_damper_export::{CSource, Difference, Precision, driver};
 use mr_damper_model::model::Model;
 use mr_damper_runs::{write_bytes, write_text};
 use std::fs;
@@ -78,13 +79,19 @@ pub(super) fn difference(
     Ok(sentences)
 }
 
-/// Writes NAME.h and NAME.c. Returns their paths.
-pub(super) fn write_code(folder: &Path, source: &CSource) -> Result<[PathBuf; 2], NodeError> {
-    let paths = ["h", "c"].map(|ending| folder.join(format!("{}.{ending}", source.name)));
-    for (path, text) in paths.iter().zip([&source.header, &source.source]) {
-        write_text(path, text)?;
+/// Writes NAME.h and NAME.c and, for double precision, the file that mends the sums of an Arm processor. Returns their paths.
+pub(super) fn write_code(folder: &Path, source: &CSource) -> Result<Vec<PathBuf>, NodeError> {
+    let own = |ending: &str| format!("{}.{ending}", source.name);
+    let mut files = vec![(own("h"), source.header.as_str()), (own("c"), source.source.as_str())];
+    if source.precision == Precision::Double {
+        files.push((SUM_FILE.to_owned(), SUM));
     }
-    Ok(paths)
+    let write = |(name, text): (String, &str)| {
+        let path = folder.join(name);
+        write_text(&path, text)?;
+        Ok(path)
+    };
+    files.into_iter().map(write).collect()
 }
 
 /// A folder for the files of a compiler.

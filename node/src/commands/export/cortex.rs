@@ -3,10 +3,11 @@
 
 use super::compilers::{compiler_folder, read, run, write_code};
 use crate::settings::error::NodeError;
+use mr_damper_export::arm::{SUM_FILE, SUM_LINKED};
 use mr_damper_export::board::{COUNTED, Instructions, LINK, LINKED, Processor, START};
 use mr_damper_export::footprint::{OPTIONS, probe, sizes, stack};
 use mr_damper_export::vectors::Readings;
-use mr_damper_export::{CSource, driver};
+use mr_damper_export::{CSource, Precision, driver};
 use mr_damper_runs::{write_bytes, write_text};
 use std::path::{Path, PathBuf};
 
@@ -39,7 +40,8 @@ pub(super) fn footprint(source: &CSource, readings: &[Readings]) -> Result<Vec<S
         }
         lines.push(line + ".");
     }
-    lines.push("Routines of the compiler's library come on top of flash and stack.".to_owned());
+    let sums = if source.precision == Precision::Double { ", and so does mr_damper_sum.c" } else { "" };
+    lines.push(format!("Routines of the compiler's library come on top of flash and stack{sums}."));
     if counted {
         let count = readings.len();
         lines.push(format!("QEMU counted the instructions, with those routines, on {count} readings like those of the test vectors."));
@@ -85,7 +87,8 @@ fn instructions(
     let code = format!("{}.c", source.name);
     let options =
         ["-std=c99", "-Os", "-DFILES", "-DTICKS", "-o", "counted.elf", &code, "driver.c", "start.c"];
-    run(folder, GCC, &[processor.options, &options, &LINKED].concat())?;
+    let sums: &[&str] = if source.precision == Precision::Double { &[SUM_FILE, SUM_LINKED] } else { &[] };
+    run(folder, GCC, &[processor.options, &options, sums, &LINKED].concat())?;
     run(folder, QEMU, &[processor.qemu("counted.elf").as_slice(), &COUNTED].concat())?;
     Instructions::of(&read(&folder.join("out.bin"))?).ok_or_else(|| fault(QEMU, "it counted no instructions"))
 }

@@ -24,7 +24,8 @@ use std::path::{Path, PathBuf};
 /// for each sample. All parameters are in one structure, which calibration may change at any time.
 ///
 /// Compile with -std=c99 and without -ffast-math. --vectors writes readings, among them lost, late and impossible ones,
-/// with what the code must return, for a test on your own target. --a2l writes a calibration file.
+/// with what the code must return, for a test on your own target. --a2l writes a calibration file. For an Arm processor without
+/// an FPU for double precision, also link mr_damper_sum.c, as it says: without it, GCC's library rounds some sums wrongly.
 ///
 /// --fmu writes a Functional Mock-up Unit (FMI co-simulation) with its C sources, for MATLAB/Simulink, Dymola, OpenModelica,
 /// FMPy and other simulators. If there is a C compiler (cc), the FMU also has a binary for this machine.
