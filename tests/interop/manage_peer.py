@@ -15,7 +15,7 @@ from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
-from mr_damper_msgs.action import Identify
+from mr_damper_msgs.action import Design, Identify
 from mr_damper_msgs.msg import ForceEstimate
 from mr_damper_msgs.srv import LoadModel, Reset, SetMode
 from rcl_interfaces.msg import Log, ParameterEvent
@@ -145,33 +145,39 @@ def described(peer):
     }
 
 
-def identify(peer, model, history, cancel=False):
-    action = ActionClient(peer.node, Identify, "identify")
+def act(peer, kind, name, goal, cancel=False):
+    """Sends a goal and waits for its result: its fields, its status, and the stages of the feedback."""
+    action = ActionClient(peer.node, kind, name)
     if not action.wait_for_server(ANSWER):
-        fail("no node offers the action identify")
+        fail(f"no node offers the action {name}")
     stages = []
-    goal = peer.wait(
+    handle = peer.wait(
         "send_goal",
         action.send_goal_async(
-            Identify.Goal(model=model, history=history),
-            feedback_callback=lambda told: stages.append([told.feedback.stage, told.feedback.progress]),
+            goal, feedback_callback=lambda told: stages.append([told.feedback.stage, told.feedback.progress])
         ),
     )
-    if not goal.accepted:
+    if not handle.accepted:
         return {"accepted": False}
     if cancel:
-        peer.wait("cancel_goal", goal.cancel_goal_async())
-    answer = peer.wait("get_result", goal.get_result_async(), 60.0)
-    result = answer.result
+        peer.wait("cancel_goal", handle.cancel_goal_async())
+    answer = peer.wait("get_result", handle.get_result_async(), 60.0)
     action.destroy()
     return {
         "accepted": True,
         "status": STATUS.get(answer.status, str(answer.status)),
-        "success": result.success,
-        "message": result.message,
-        "model_file": result.model_file,
         "stages": stages,
+        **{field: getattr(answer.result, field) for field in answer.result.get_fields_and_field_types()},
     }
+
+
+def identify(peer, model, cancel=False):
+    return act(peer, Identify, "identify", Identify.Goal(model=model, history=60.0), cancel)
+
+
+def design(peer, cancel=False, **goal):
+    limits = {"stroke": 0.02, "speed": 0.4, "drive_max": 2.0, "duration": 12.0, "rate": 128.0, "noise": 2.0}
+    return act(peer, Design, "design", Design.Goal(**limits, **goal), cancel)
 
 
 def main():
@@ -224,9 +230,12 @@ def main():
     result["fields_here"] = list(ForceEstimate.get_fields_and_field_types())
 
     peer.move(14.0)
-    result["identified"] = identify(peer, "sp", 60.0)
-    result["identify_cancelled"] = identify(peer, "fuzzy-tanh", 60.0, cancel=True)
-    result["identify_refused"] = identify(peer, "no-such-model", 60.0)
+    result["designed"] = design(peer, question="friction|gas_spring", seed=3)
+    result["design_cancelled"] = design(peer, question="friction|gas_spring", cancel=True)
+    result["design_refused"] = design(peer)
+    result["identified"] = identify(peer, "sp")
+    result["identify_cancelled"] = identify(peer, "fuzzy-tanh", cancel=True)
+    result["identify_refused"] = identify(peer, "no-such-model")
     file = result["identified"].get("model_file")
     if file:
         loaded = peer.call(LoadModel, "load_model", LoadModel.Request(model=file))

@@ -6,7 +6,8 @@
 use std::collections::BTreeSet;
 
 use mr_damper_msgs::action::{
-    CloseLoopFeedback, CloseLoopGoal, CloseLoopResult, IdentifyFeedback, IdentifyGoal, IdentifyResult,
+    CloseLoopFeedback, CloseLoopGoal, CloseLoopResult, DesignFeedback, DesignGoal, DesignResult,
+    IdentifyFeedback, IdentifyGoal, IdentifyResult,
 };
 use mr_damper_msgs::geometry::{Twist, TwistStamped, Vector3, Wrench, WrenchStamped};
 use mr_damper_msgs::lifecycle::{
@@ -58,7 +59,8 @@ macro_rules! for_every_message {
             $check: CoilCurrent CommandVoltage CurrentCommand Displacement Force ForceEstimate ForceResidual
             ModeChange Velocity Time DiagnosticArray DiagnosticStatus KeyValue Clock JointState Temperature
             Float64 Float32 Range Vector3 Wrench WrenchStamped Twist TwistStamped Header LoadModelRequest LoadModelResponse ResetRequest ResetResponse SetModeRequest
-            SetModeResponse CloseLoopGoal CloseLoopResult CloseLoopFeedback IdentifyGoal IdentifyResult
+            SetModeResponse CloseLoopGoal CloseLoopResult CloseLoopFeedback DesignGoal DesignResult
+            DesignFeedback IdentifyGoal IdentifyResult
             IdentifyFeedback State Transition TransitionDescription TransitionEvent GetStateRequest
             GetStateResponse ChangeStateRequest ChangeStateResponse GetAvailableStatesRequest
             GetAvailableStatesResponse GetAvailableTransitionsRequest GetAvailableTransitionsResponse
@@ -222,7 +224,7 @@ fn defined<M: Message>() -> &'static str {
 #[test]
 fn definitions_and_structs_agree() {
     let defined = for_every_message!(defined);
-    assert_eq!(defined.len(), 96);
+    assert_eq!(defined.len(), 99);
     let topics: BTreeSet<&str> = defined.into_iter().filter(|name| name.contains("/msg/")).collect();
     let listed: BTreeSet<&str> = MESSAGES.iter().map(|message: &Descriptor| message.type_name).collect();
     assert_eq!(listed, topics);

@@ -2,6 +2,7 @@
 
 use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::design::{Design, Limits, NoiseSource, Pair, Question, Separation};
+use mr_damper_model::model::{Envelope, Model};
 use mr_damper_model::sample::DriveKind;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -26,6 +27,30 @@ pub struct DesignOutcome {
     pub seed: u64,
     /// Further remarks, one sentence each.
     pub notes: Vec<String>,
+}
+
+/// Sentences about limits that are beyond the range of the runs that `model` was identified on.
+#[must_use]
+pub fn beyond(model: &Model, limits: &Limits) -> Vec<String> {
+    let leaves = |range, values: [f64; 2]| values.into_iter().any(|value| Envelope::leaves(range, value));
+    let envelope = &model.envelope;
+    let mut channels = Vec::new();
+    if leaves(envelope.displacement_m, [-limits.stroke_m, limits.stroke_m]) {
+        channels.push("displacement");
+    }
+    if leaves(envelope.velocity_m_s, [-limits.speed_m_s, limits.speed_m_s]) {
+        channels.push("speed");
+    }
+    if limits.drive.is_some_and(|drive| leaves(envelope.drive, drive)) {
+        channels.push("drive");
+    }
+    if channels.is_empty() {
+        return Vec::new();
+    }
+    vec![format!(
+        "The limits of {} are beyond the range of the model's training runs, so its prediction there is uncertain.",
+        channels.join(" and ")
+    )]
 }
 
 /// The JSON. Numbers that are not finite become `null`.

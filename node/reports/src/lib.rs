@@ -19,6 +19,7 @@ pub mod evaluate;
 pub mod identify;
 pub mod inverse;
 mod log_axis;
+pub mod open_questions;
 pub mod page;
 mod panels;
 pub mod plot;

@@ -1,7 +1,5 @@
 //! `mr-damper design`: designs the run that best tells apart effects that a diagnosis could not.
 
-mod rivals;
-
 use crate::commands::context::CliContext;
 use crate::commands::number::{interval, newtons};
 use crate::commands::output;
@@ -11,11 +9,11 @@ use crate::settings::error::NodeError;
 use mr_damper_base::shown;
 use mr_damper_model::diagnose::design::{Limits, Question, Settings, design};
 use mr_damper_model::identify::Watch;
-use mr_damper_model::model::{Envelope, Model};
+use mr_damper_model::model::Model;
 use mr_damper_model::sample::DriveKind;
 use mr_damper_reports::design::{self as report, DesignOutcome};
+use mr_damper_reports::open_questions::OpenQuestions;
 use mr_damper_runs::SaveOptions;
-use rivals::Open;
 use std::path::{Path, PathBuf};
 
 /// Examples at the end of `--help`.
@@ -102,18 +100,21 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             message: "exists already; give another --out, or --force for a CSV file".to_owned(),
         });
     }
-    let Open { question, noise_n, mut notes } = match (&args.question, &args.from) {
-        (Some(question), _) => Open { question: question.clone(), noise_n: None, notes: Vec::new() },
-        (None, Some(path)) => rivals::read(path)?,
+    let mut open = match (&args.question, &args.from) {
+        (Some(question), _) => OpenQuestions::asked(question.clone()),
+        (None, Some(path)) => {
+            let fault = |message: String| NodeError::in_file(path, message);
+            let text = std::fs::read_to_string(path).map_err(|error| fault(error.to_string()))?;
+            OpenQuestions::of_report(&text).map_err(|error| fault(error.to_string()))?
+        }
         (None, None) => return Err(NodeError::Usage("give --for or --from".to_owned())),
     };
-    if let (Some(noise_n), None) = (noise_n, args.noise) {
-        notes.push(format!("Noise: the noise floor of the report, {noise_n:.2} N."));
-    }
-    notes.extend(beyond(&model, &limits));
+    let noise_n = open.noise(args.noise);
+    let OpenQuestions { question, mut notes, .. } = open;
+    notes.extend(report::beyond(&model, &limits));
     let working = Working::new(context.quiet);
     working.stage("designing the run");
-    let settings = Settings { noise_n: args.noise.or(noise_n), seed: args.seed, ..Settings::default() };
+    let settings = Settings { noise_n, seed: args.seed, ..Settings::default() };
     let watch = Watch { cancel: Some(context.interrupt.flag()), progress: None };
     let designed = design(&model, &question, &limits, &settings, &watch);
     drop(working);
@@ -167,29 +168,6 @@ impl Args {
         limits.check()?;
         Ok(limits)
     }
-}
-
-/// Sentences about limits that are beyond the range of the runs that `model` was identified on.
-fn beyond(model: &Model, limits: &Limits) -> Vec<String> {
-    let leaves = |range, values: [f64; 2]| values.into_iter().any(|value| Envelope::leaves(range, value));
-    let envelope = &model.envelope;
-    let mut channels = Vec::new();
-    if leaves(envelope.displacement_m, [-limits.stroke_m, limits.stroke_m]) {
-        channels.push("displacement");
-    }
-    if leaves(envelope.velocity_m_s, [-limits.speed_m_s, limits.speed_m_s]) {
-        channels.push("speed");
-    }
-    if limits.drive.is_some_and(|drive| leaves(envelope.drive, drive)) {
-        channels.push("drive");
-    }
-    if channels.is_empty() {
-        return Vec::new();
-    }
-    vec![format!(
-        "The limits of {} are beyond the range of the model's training runs, so its prediction there is uncertain.",
-        channels.join(" and ")
-    )]
 }
 
 /// Writes the run. With `force`, an existing CSV file is replaced when the new one is complete.

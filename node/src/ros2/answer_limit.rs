@@ -9,7 +9,7 @@
 //! So this module shortens a longer answer to such a client, if the answer's type can say that it was shortened. An
 //! answer that stays too long is logged once per client. The hardened build sends correct fragments and needs neither.
 
-use mr_damper_msgs::action::CloseLoopResult;
+use mr_damper_msgs::action::{CloseLoopResult, DesignResult};
 use mr_damper_msgs::type_description::{GetTypeDescriptionResponse, KeyValue};
 use mr_damper_msgs::{Message, cdr};
 use ros2_client::Context;
@@ -184,6 +184,14 @@ pub fn short_report(answer: CloseLoopResult, bytes: usize) -> CloseLoopResult {
     CloseLoopResult { report: Value::Object(short).to_string(), ..answer }
 }
 
+/// A design without its figures: the place of the run.
+#[must_use]
+pub fn short_design(answer: DesignResult, bytes: usize) -> DesignResult {
+    // A failure needs no figures, and its reason is worth more than the note.
+    let message = if answer.success { shortened(bytes) } else { answer.message };
+    DesignResult { message, report: String::new(), ..answer }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -238,6 +246,17 @@ mod tests {
             report["text"].as_str().is_some_and(|text| text.contains("shortened: the whole answer has 9000"))
         );
         assert!(report["findings"].is_null());
+
+        let run_file = "/tmp/next.csv".to_owned();
+        let answer = DesignResult {
+            success: true,
+            message: "long ".repeat(900),
+            run_file: run_file.clone(),
+            report: "{}".to_owned(),
+        };
+        let short = short_design(answer, 9000);
+        assert!(short.success && too_long(&short, false).is_none() && short.run_file == run_file);
+        assert!(short.message.contains("shortened: the whole answer has 9000"), "{}", short.message);
 
         for descriptor in mr_damper_msgs::MESSAGES {
             let request = mr_damper_msgs::type_description::GetTypeDescriptionRequest {

@@ -51,6 +51,7 @@ fn manager(lab: &Lab, distro: Distro) -> Outcome {
     the_states_are_gone_through(&saw);
     parameters_are_described_and_set(&saw);
     mode_and_time_are_kept(&saw);
+    a_run_was_designed(&saw);
     a_model_was_identified(&saw);
 
     let log = found(&saw, "/log").as_array().expect("a list of lines");
@@ -150,6 +151,19 @@ fn mode_and_time_are_kept(saw: &Value) {
     }
     let hz = |array: &Value| text(array, "/values/displacement_hz").parse::<f64>().expect("a number");
     assert!(diagnostics.iter().any(|array| (200.0..300.0).contains(&hz(array))), "{diagnostics:#?}");
+}
+
+fn a_run_was_designed(saw: &Value) {
+    let designed = found(saw, "/designed");
+    assert!(text(designed, "/status") == "succeeded" && truth(designed, "/success"), "{designed:#}");
+    assert!(text(designed, "/message").contains("friction|gas_spring"), "{designed:#}");
+    let report: Value = serde_json::from_str(text(designed, "/report")).expect("JSON");
+    assert_eq!((text(&report, "/schema"), found(&report, "/seed").as_u64()), ("mr-damper/design/1", Some(3)));
+    // The node runs on this machine.
+    let run = std::fs::read_to_string(text(designed, "/run_file")).expect("the run is there");
+    assert!(run.lines().count() > 12 * 128, "{} lines", run.lines().count());
+    assert_eq!(text(saw, "/design_cancelled/status"), "canceled", "{:#}", found(saw, "/design_cancelled"));
+    assert!(!truth(saw, "/design_refused/accepted"), "{:#}", found(saw, "/design_refused"));
 }
 
 fn a_model_was_identified(saw: &Value) {

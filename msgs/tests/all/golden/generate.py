@@ -318,6 +318,16 @@ CASES = {
     'mr_damper_msgs/action/CloseLoop_Goal': {'ten_seconds': {'history': 10.0}},
     'mr_damper_msgs/action/CloseLoop_Result': {'yes': {'success': True, 'report': '{"schema": "mr-damper/close/1"}'}},
     'mr_damper_msgs/action/CloseLoop_Feedback': {'half': {'stage': 'confirm', 'progress': 0.5}},
+    'mr_damper_msgs/action/Design_Goal': {
+        f'question_{j}': {
+            'question': 'friction|gas_spring'[:j], 'report': '{}'[:j], 'stroke': 0.02, 'speed': 0.5, 'acceleration': 0.0,
+            'drive_min': 0.0, 'drive_max': 2.0, 'duration': 30.0, 'rate': 512.0, 'noise': NAN, 'seed': 7, 'out': 'next.csv',
+        } for j in range(9)
+    },
+    'mr_damper_msgs/action/Design_Result': {
+        'yes': {'success': True, 'message': 'm', 'run_file': '/tmp/next.csv', 'report': '{"schema": "mr-damper/design/1"}'},
+    },
+    'mr_damper_msgs/action/Design_Feedback': {'half': {'stage': 'designing the run', 'progress': 0.5}},
     'mr_damper_msgs/action/Identify_Goal': {
         f'model_{j}': {'model': 'm' * j, 'history': 30.0, 'out': 'fit.toml'} for j in range(9)
     },

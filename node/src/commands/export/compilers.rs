@@ -10,9 +10,11 @@ use mr_damper_export::{CSource, Difference, Precision, driver};
 use mr_damper_model::model::Model;
 use mr_damper_runs::{write_bytes, write_text};
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{self, Read as _, Seek as _};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
 
 /// The shared object of `fmu` for this machine; `None`, with a message, without a compiler or on a machine that FMI has no name for.
 pub(super) fn fmu_binary(
@@ -109,21 +111,72 @@ fn compile(folder: &Path, options: impl IntoIterator<Item = String>) -> Result<b
     Ok(run(folder, "cc", &options)?.is_some())
 }
 
+/// Longest time that a program may take. Compilers take a second; a program in an emulator that has crashed there would run for ever.
+const LIMIT: Duration = Duration::from_secs(60);
+
 /// Runs `program` in `folder`. Returns what it prints; `None` if this machine does not have it.
 pub(super) fn run(folder: &Path, program: &str, arguments: &[&str]) -> Result<Option<String>, NodeError> {
-    let fault = |message: String| NodeError::File { path: PathBuf::from(program), message };
-    let done = match Command::new(program).current_dir(folder).args(arguments).output() {
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        other => other.map_err(|error| fault(format!("it does not start: {error}")))?,
+    run_within(LIMIT, Command::new(program).current_dir(folder).args(arguments))
+}
+
+/// The same for a command that ends, or is ended, within `limit`.
+fn run_within(limit: Duration, command: &mut Command) -> Result<Option<String>, NodeError> {
+    let path = PathBuf::from(command.get_program());
+    let fault = |message: String| NodeError::File { path: path.clone(), message };
+    let failed = |error: io::Error| fault(format!("it does not run: {error}"));
+    // Files, and not pipes, which would fill while nobody reads them.
+    let [mut printed, mut said] =
+        [tempfile::tempfile().map_err(failed)?, tempfile::tempfile().map_err(failed)?];
+    command.stdin(Stdio::null());
+    command.stdout(printed.try_clone().map_err(failed)?).stderr(said.try_clone().map_err(failed)?);
+    let mut child = match command.spawn() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        other => other.map_err(failed)?,
     };
-    if !done.status.success() {
-        let said = String::from_utf8_lossy(&done.stderr);
-        return Err(fault(format!("it ends with {}: {}", done.status, shown::line(&said))));
+    let started = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().map_err(failed)? {
+            break status;
+        }
+        if started.elapsed() > limit {
+            child.kill().and_then(|()| child.wait()).map_err(failed)?;
+            return Err(fault(format!("it did not end within {} s, and was stopped", limit.as_secs_f64())));
+        }
+        thread::sleep(Duration::from_millis(5));
+    };
+    let text_of = |file: &mut fs::File| -> io::Result<String> {
+        let mut bytes = Vec::new();
+        file.rewind()?;
+        file.read_to_end(&mut bytes)?;
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    };
+    if !status.success() {
+        let said = text_of(&mut said).map_err(failed)?;
+        return Err(fault(format!("it ends with {status}: {}", shown::line(&said))));
     }
-    Ok(Some(String::from_utf8_lossy(&done.stdout).into_owned()))
+    text_of(&mut printed).map(Some).map_err(failed)
 }
 
 /// Reads a file that a compiler wrote, or a program that it compiled.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, NodeError> {
     fs::read(path).map_err(|error| NodeError::File { path: path.to_owned(), message: error.to_string() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_that_does_not_end_is_stopped() {
+        let folder = std::env::temp_dir();
+        let error =
+            run_within(Duration::from_millis(50), Command::new("sleep").current_dir(&folder).arg("60"));
+        let message = error.expect_err("it sleeps longer").to_string();
+        assert!(message.contains("sleep") && message.contains("within 0.05 s"), "{message}");
+        let printed = run(&folder, "echo", &["a word"]).expect("it runs");
+        assert_eq!(printed.as_deref(), Some("a word\n"));
+        let failed = run(&folder, "ls", &["/no/such/place"]).expect_err("there is none").to_string();
+        assert!(failed.contains("exit status"), "{failed}");
+        assert!(run(&folder, "no-such-program-here", &[]).expect("none is no error").is_none());
+    }
 }

@@ -1,6 +1,7 @@
 //! Errors of the actions.
 
 use crate::settings::error::PartError;
+use mr_damper_reports::open_questions::OpenQuestionsError;
 
 /// Reasons why the work on a goal failed.
 #[derive(Debug, thiserror::Error)]
@@ -39,6 +40,9 @@ pub enum ActionError {
         /// The error of the diagnosis.
         error: Box<mr_damper_model::Error>,
     },
+    /// The report in a goal leaves no question.
+    #[error("the report in this goal {0}")]
+    OpenQuestions(#[source] OpenQuestionsError),
     /// The report cannot be serialised.
     #[error("cannot write the report as JSON: {0}")]
     Report(#[source] serde_json::Error),

@@ -10,6 +10,7 @@
 //! |---|---|---|
 //! | `close_loop` | diagnoses the running model: finds and adds missing effects | `close_loop.rs` |
 //! | `identify` | fits a model of a given kind to the history | `identify.rs` |
+//! | `design` | designs the next run for the running model; it needs no history | `design.rs` |
 //!
 //! The estimating thread is not involved: a job has a copy of the history and its own thread. Each action works on one goal at a
 //! time; other goals are rejected meanwhile.
@@ -18,6 +19,7 @@
 //! result gets an error.
 
 mod close_loop;
+mod design;
 mod error;
 mod identify;
 mod job_thread;
@@ -33,7 +35,7 @@ use crate::settings::task::Task;
 use crate::streams::parameters::Parameters;
 use crate::watchdogs::overseer::SharedHistory;
 use futures::FutureExt;
-use futures::future::{BoxFuture, FusedFuture, join};
+use futures::future::{BoxFuture, FusedFuture, join3};
 use job_thread::{JobMessage, JobThread};
 use mr_damper_model::sample::Run;
 use mr_damper_msgs::Action;
@@ -119,9 +121,13 @@ fn total_s(runs: &[Run]) -> f64 {
 
 /// Writes a model file under a new name, because the node may be using an existing file.
 fn write_new(folder: &Path, damper: &str, what: &str, text: &str) -> Result<PathBuf, NodeError> {
+    create(&new_path(folder, damper, what, "toml"), text)
+}
+
+/// A path that no other goal and no other damper has.
+fn new_path(folder: &Path, damper: &str, what: &str, extension: &str) -> PathBuf {
     let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now()).format("%Y%m%dT%H%M%S%3fZ");
-    let name = format!("mr-damper-{what}-{}-{now}.toml", damper.replace('/', "-"));
-    create(&folder.join(name), text)
+    folder.join(format!("mr-damper-{what}-{}-{now}.{extension}", damper.replace('/', "-")))
 }
 
 /// Writes a new model file and returns its absolute path, because the reader may have another working directory.
@@ -137,6 +143,7 @@ fn create(path: &Path, text: &str) -> Result<PathBuf, NodeError> {
 /// The action servers before they start to answer, so that more entities can be created on the node.
 pub struct Actions {
     close_loop: GoalServer<close_loop::CloseLoopWork>,
+    design: GoalServer<design::DesignWork>,
     identify: GoalServer<identify::IdentifyWork>,
 }
 
@@ -157,6 +164,7 @@ impl Actions {
         let close_loop = close_loop::CloseLoopWork::new(context.clone(), Arc::clone(parameters));
         Ok(Self {
             close_loop: GoalServer::offer(ros, args, close_loop)?,
+            design: GoalServer::offer(ros, args, design::DesignWork::new(context.clone()))?,
             identify: GoalServer::offer(ros, args, identify::IdentifyWork::new(context))?,
         })
     }
@@ -166,10 +174,11 @@ impl Actions {
     /// # Errors
     /// When the thread cannot be started.
     pub fn start(self) -> Result<Task, NodeError> {
-        let Self { close_loop, identify } = self;
+        let Self { close_loop, design, identify } = self;
         Task::start("ros-actions", |stopped| {
             let stopped = stopped.shared();
-            join(close_loop.run(stopped.clone()), identify.run(stopped)).map(drop)
+            let runs = (close_loop.run(stopped.clone()), design.run(stopped.clone()), identify.run(stopped));
+            join3(runs.0, runs.1, runs.2).map(drop)
         })
     }
 }

@@ -100,6 +100,9 @@ pub enum RequestError {
         /// The requested length, s.
         seconds: f64,
     },
+    /// A design has no question.
+    #[error("the goal has neither a question, such as friction|gas_spring, nor the report of a diagnosis")]
+    NoQuestion,
     /// The action works on another goal.
     #[error("another goal is running; cancel it, or wait for its result")]
     Busy,

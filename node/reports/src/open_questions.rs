@@ -1,10 +1,32 @@
-//! Reads the open questions of a diagnosis from its JSON report.
+//! The questions that a diagnosis left open, from its JSON report.
 
-use crate::settings::error::NodeError;
+use crate::diagnosis::json::SCHEMA;
 use mr_damper_model::diagnose::design::Question;
-use mr_damper_reports::diagnosis::json::SCHEMA;
 use serde::Deserialize;
-use std::path::Path;
+
+/// Reasons why a text has no open questions.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum OpenQuestionsError {
+    /// The text is not the JSON of a report.
+    #[error("is not a report of mr-damper close ({0}): give what close wrote with --json")]
+    NotAReport(#[source] serde_json::Error),
+    /// The report has another schema.
+    #[error("has the schema {found}, not {SCHEMA}: give what close wrote with --json")]
+    Schema {
+        /// Its schema.
+        found: String,
+    },
+    /// The report leaves nothing open.
+    #[error(
+        "leaves nothing open that a run could decide: every named effect is alone in its class, and none is untestable; name the effects to \
+         tell apart"
+    )]
+    NothingOpen,
+    /// A name in the report is none of an effect.
+    #[error(transparent)]
+    Question(#[from] mr_damper_model::Error),
+}
 
 /// The parts of a report that a design needs.
 #[derive(Debug, Deserialize)]
@@ -29,12 +51,14 @@ struct Floor {
 }
 
 /// The open questions of a report.
-pub(super) struct Open {
-    pub(super) question: Question,
-    /// Noise floor of the diagnosis, N.
-    pub(super) noise_n: Option<f64>,
+#[derive(Debug, Clone)]
+pub struct OpenQuestions {
+    /// The groups of effects that are open.
+    pub question: Question,
+    /// Noise floor of the diagnosis, N (root mean square); `None` if it is unknown.
+    pub noise_n: Option<f64>,
     /// Remarks, one sentence each.
-    pub(super) notes: Vec<String>,
+    pub notes: Vec<String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -55,32 +79,34 @@ struct Reason {
     other: Option<String>,
 }
 
-/// Reads the open questions of the report at `path`.
-///
-/// # Errors
-/// When the file is not a report of a diagnosis, or the report leaves nothing open that a run could decide.
-pub(super) fn read(path: &Path) -> Result<Open, NodeError> {
-    let refuse = |message: String| NodeError::File { path: path.to_owned(), message };
-    let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
-    let report: Report = serde_json::from_str(&text).map_err(|error| {
-        refuse(format!(
-            "is not a report of mr-damper close ({error}): give the file that close wrote with --json"
-        ))
-    })?;
-    if report.schema != SCHEMA {
-        return Err(refuse(format!(
-            "has the schema {}, not {SCHEMA}: give the file of close --json",
-            report.schema
-        )));
+impl OpenQuestions {
+    /// Those of the report with this JSON.
+    ///
+    /// # Errors
+    /// When `text` is not a report of a diagnosis, or the report leaves nothing open that a run could decide.
+    pub fn of_report(text: &str) -> Result<Self, OpenQuestionsError> {
+        let report: Report = serde_json::from_str(text).map_err(OpenQuestionsError::NotAReport)?;
+        if report.schema != SCHEMA {
+            return Err(OpenQuestionsError::Schema { found: report.schema });
+        }
+        let (groups, notes) = open(&report).ok_or(OpenQuestionsError::NothingOpen)?;
+        let noise_n = report.noise_floor.rsse_n.filter(|noise_n| *noise_n > 0.0);
+        Ok(Self { question: Question::new(&groups)?, noise_n, notes })
     }
-    let Some((groups, notes)) = open(&report) else {
-        return Err(refuse(
-            "leaves nothing open that a run could decide: every named effect is alone in its class, and none is untestable; give --for"
-                .to_owned(),
-        ));
-    };
-    let noise_n = report.noise_floor.rsse_n.filter(|noise_n| *noise_n > 0.0);
-    Ok(Open { question: Question::new(&groups)?, noise_n, notes })
+
+    /// `question`, asked without a report.
+    #[must_use]
+    pub const fn asked(question: Question) -> Self {
+        Self { question, noise_n: None, notes: Vec::new() }
+    }
+
+    /// The noise for a design, N: `given`, or else the noise floor of the report, which is then noted.
+    pub fn noise(&mut self, given: Option<f64>) -> Option<f64> {
+        if let (None, Some(noise_n)) = (given, self.noise_n) {
+            self.notes.push(format!("Noise: the noise floor of the report, {noise_n:.2} N."));
+        }
+        given.or(self.noise_n)
+    }
 }
 
 /// The groups of effects that are open, with remarks: classes first, else refused effects with the effect that removes more, else
