@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """An rclpy manager of the node: takes it through its states, describes and sets its parameters, holds its mode, resets it, requests a
-type, reads its log, provides the time, and lets it identify a model.
+type, reads its log, provides the time, and lets it design a run and identify a model.
 
 The node must run as `corner/damper`, without autostart, with `displacement` renamed to `/lvdt/x` and `reset` to `forget`.
 Prints one JSON line, which tests/interop.rs checks. Run it through ros-python.sh.

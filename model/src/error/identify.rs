@@ -88,8 +88,8 @@ pub enum IdentifyError {
     /// Force and velocity have opposite signs.
     #[error(
         "run {run}: force and velocity have opposite signs (correlation {correlation:.2}, power {power_w:.3} W), but a damper gives off no energy: \
-         its load cell or its displacement sensor is reversed. Turn the sign in this run: mr-damper convert RUN NEW.csv --map \
-         measured_force=force_n,sign=-1, or, if the displacement is reversed, --map displacement=displacement_m,sign=-1"
+         its load cell or its displacement sensor is reversed. Turn the sign where this run is read: --map measured_force=NAME,sign=-1 with \
+         the column, topic or signal (force_n in a CSV file), or, if the displacement is reversed, --map displacement=NAME,sign=-1"
     )]
     ReversedForce {
         /// Name of the run.

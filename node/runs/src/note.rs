@@ -109,6 +109,15 @@ pub enum Note {
         /// What they have.
         what: &'static str,
     },
+    /// Frames of a log that cannot be used were dropped.
+    FramesDropped {
+        /// The file.
+        path: PathBuf,
+        /// Number of frames.
+        count: u64,
+        /// What they have.
+        what: &'static str,
+    },
     /// Frames whose time is not after the one before were dropped.
     SignalNotIncreasing {
         /// The signal.
@@ -272,6 +281,9 @@ impl fmt::Display for Note {
             ),
             Self::SignalDropped { signal, count, what } => {
                 write!(f, "signal {signal}: {} with {what} dropped", counted(*count, "frame"))
+            }
+            Self::FramesDropped { path, count, what } => {
+                write!(f, "{}: {} with {what} dropped", path.display(), counted(*count, "frame"))
             }
             Self::SignalNotIncreasing { signal, count } => {
                 write!(

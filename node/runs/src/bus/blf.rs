@@ -4,7 +4,7 @@
 //! object may begin in one container and end in the next. A damaged container is left out, and what a cut file still holds is read.
 //! Stamps count from the start of the measurement; the time of a frame is their sum, since 1970.
 
-use super::frame::{Bus, BusFrame, CanId, FrameSink, MOST_BYTES};
+use super::frame::{Bus, BusFrame, CanId, FrameSink, MOST_BYTES, Unusable};
 use super::unpack::{Inflate, read_up_to};
 use crate::{Note, RunError};
 use std::io::Read;
@@ -12,6 +12,8 @@ use std::path::Path;
 
 /// Length of the file header up to the start of the measurement and its end, bytes.
 const FILE_HEADER: usize = 72;
+/// Place of the size of the file in the file header.
+const FILE_SIZE: usize = 16;
 /// Place of the start of the measurement in the file header.
 const START: usize = 40;
 /// Length of the first part of an object's header, bytes.
@@ -123,6 +125,14 @@ impl<R: Read> File<'_, R> {
                 return Err(Stop::Damaged(at, "the file ends inside an object".to_owned()));
             }
         }
+        // The recorder writes the size at its end, so it is 0 or too small in a file that was not finished.
+        let size = u64_at(&header, FILE_SIZE).unwrap_or(0);
+        if size > self.offset + PADDING as u64 {
+            return Err(Stop::Damaged(
+                self.offset,
+                format!("the file ends, and its header says {size} bytes"),
+            ));
+        }
         Ok(())
     }
 
@@ -233,15 +243,15 @@ impl<S: FrameSink> Objects<'_, S> {
 
     /// Takes an object; others than data frames are left out.
     fn object(&mut self, object: &[u8]) {
-        if let Some((nanos, bus, id, data)) = frame_of(object, self.start_ns) {
-            self.frames += 1;
-            self.sink.frame(&BusFrame { nanos, bus: Bus::Number(bus), id, data: &data });
-        }
+        let Some((nanos, bus, id, data)) = frame_of(object, self.start_ns) else { return };
+        let Some(id) = id else { return self.sink.unusable(Unusable::Identifier) };
+        self.frames += 1;
+        self.sink.frame(&BusFrame { nanos, bus: Bus::Number(bus), id, data: &data });
     }
 }
 
-/// Time, bus, identifier and data of a data frame; `None` for another object.
-fn frame_of(object: &[u8], start_ns: i64) -> Option<(i64, u32, CanId, Vec<u8>)> {
+/// Time, bus, identifier and data of a data frame; `None` for another object. An identifier that cannot be is `None`.
+fn frame_of(object: &[u8], start_ns: i64) -> Option<(i64, u32, Option<CanId>, Vec<u8>)> {
     let head = usize::from(u16_at(object, 4)?);
     let kind = u32_at(object, 12)?;
     let unit = if u32_at(object, OBJECT)? == TEN_MICROSECONDS { 10_000 } else { 1 };
@@ -277,7 +287,7 @@ fn frame_of(object: &[u8], start_ns: i64) -> Option<(i64, u32, CanId, Vec<u8>)> 
     let mut data = data[..data.len().min(count)].to_vec();
     // Vector's library pads data that are shorter than their stated length.
     data.resize(count, 0);
-    Some((nanos, bus, CanId::of_marked(marked)?, data))
+    Some((nanos, bus, CanId::of_marked(marked), data))
 }
 
 /// The start of the measurement, ns since 1970, in the header of a file; 0 if it holds none. It is a date in UTC with

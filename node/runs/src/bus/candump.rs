@@ -22,7 +22,7 @@ pub(super) struct Candump;
 impl LineReader for Candump {
     fn frame<'a>(&mut self, line: &'a str, data: &'a mut Vec<u8>) -> Result<Option<BusFrame<'a>>, LineFault> {
         data.clear();
-        if line.is_empty() || line.starts_with('#') {
+        if line.is_empty() || line.starts_with('#') || ERROR_WORDS.iter().any(|word| line.starts_with(word)) {
             return Ok(None);
         }
         let no_time = || LineFault::CandumpTime { line: shown(line) };
@@ -64,6 +64,20 @@ impl LineReader for Candump {
         Ok(id.map(|id| BusFrame { nanos, bus: Bus::Name(bus), id, data }))
     }
 }
+
+/// Words that begin a line of `candump -e`, which explains the error frame before it.
+const ERROR_WORDS: [&str; 10] = [
+    "tx-timeout",
+    "lost-arbitration",
+    "controller-problem",
+    "protocol-violation",
+    "transceiver-status",
+    "no-acknowledgement-on-tx",
+    "bus-off",
+    "bus-error",
+    "restarted-after-bus-off",
+    "error-counter-tx-rx",
+];
 
 /// The digits of the data; `None` for a remote frame.
 fn bytes_of(content: &str) -> Option<&str> {
@@ -126,6 +140,8 @@ mod tests {
             "(1.0) can0 120#R8",
             "(1.0) can0 20000080#0000000000000000",
             "(1.0)  can0  120   [0]  remote request",
+            "(1.0)  can0  20000088   [8]  00 00 80 19 00 00 00 00   ERRORFRAME",
+            "protocol-violation{{}{acknowledge-slot}}",
         ] {
             assert_eq!(read(line), Ok(None), "{line}");
         }

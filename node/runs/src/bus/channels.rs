@@ -1,7 +1,7 @@
 //! The channels of a run that a log of CAN frames gives: one signal each, as the map says.
 
 use super::dbc::Database;
-use super::frame::{BusFrame, CanId, FrameSink};
+use super::frame::{BusFrame, CanId, FrameSink, Unusable};
 use super::lookup::check_signal;
 use super::signal::{Decoded, decode};
 use crate::column::Quantity;
@@ -37,12 +37,23 @@ pub(super) struct Series {
     pub(super) source: Source,
     convert: Convert,
     trace: Trace,
+    counts: Counts,
+}
+
+/// What became of the frames or records of a channel.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
     /// Frames of its message, or records of its channel.
     frames: u64,
+    /// Whose multiplexer selects other signals.
     absent: u64,
     short: u64,
     not_finite: u64,
     not_increasing: u64,
+    /// With a value that the DBC file does not allow.
+    out_of_range: u64,
+    /// Without a usable time.
+    timeless: u64,
 }
 
 impl Series {
@@ -50,9 +61,9 @@ impl Series {
     pub(super) fn push(&mut self, nanos: i64, raw: f64) {
         let (stamp, value) = (Stamp::from_nanos(nanos), self.convert.apply(raw));
         if !value.is_finite() {
-            self.not_finite += 1;
+            self.counts.not_finite += 1;
         } else if self.trace.stamps.last().is_some_and(|&last| stamp <= last) {
-            self.not_increasing += 1;
+            self.counts.not_increasing += 1;
         } else {
             self.trace.stamps.push(stamp);
             self.trace.values.push(value);
@@ -61,7 +72,13 @@ impl Series {
 
     /// Counts a record of its source, whether or not it has a value.
     pub(super) fn count(&mut self) {
-        self.frames += 1;
+        self.counts.frames += 1;
+    }
+
+    /// Counts a record of its source without a usable time.
+    pub(super) fn count_timeless(&mut self) {
+        self.counts.frames += 1;
+        self.counts.timeless += 1;
     }
 }
 
@@ -91,6 +108,7 @@ pub(super) struct Channels<'a> {
     pub(super) series: Vec<Series>,
     unresolved: Vec<Unresolved>,
     seen: BTreeMap<CanId, Seen>,
+    unusable: BTreeMap<Unusable, u64>,
     /// The channels of an MDF4 file: name, unit, number of records.
     plain: Vec<FoundSignal>,
 }
@@ -107,16 +125,14 @@ impl<'a> Channels<'a> {
         database: &'a Database,
         plain: Vec<FoundSignal>,
     ) -> Result<Self, RunError> {
+        let (seen, unusable) = (BTreeMap::new(), BTreeMap::new());
         let mut channels =
-            Self { options, database, series: vec![], unresolved: vec![], seen: BTreeMap::new(), plain };
+            Self { options, database, series: vec![], unresolved: vec![], seen, unusable, plain };
+        let fail = |map: String, why| RunError::Map { path: path.to_owned(), map, why: Box::new(why) };
         for mapping in options.map.all() {
-            channels.add(mapping).map_err(|why| RunError::Map {
-                path: path.to_owned(),
-                map: mapping.to_string(),
-                why: Box::new(why),
-            })?;
+            channels.add(mapping).map_err(|why| fail(mapping.to_string(), why))?;
         }
-        channels.add_by_name();
+        channels.add_by_name().map_err(|(map, why)| fail(map, why))?;
         Ok(channels)
     }
 
@@ -148,8 +164,9 @@ impl<'a> Channels<'a> {
         Ok(())
     }
 
-    /// Channels of an MDF4 file that have names of the run format are read without a map, as columns of a CSV file are.
-    fn add_by_name(&mut self) {
+    /// Channels of an MDF4 file that have names of the run format are read without a map, as columns of a CSV file are. The error is that of
+    /// a map with this name.
+    fn add_by_name(&mut self) -> Result<(), (String, MapFault)> {
         for index in 0..self.plain.len() {
             let crate::column::Column::Known(quantity, to_si) =
                 crate::column::Column::of_header(&self.plain[index].source)
@@ -158,11 +175,19 @@ impl<'a> Channels<'a> {
             };
             let is_taken = self.options.map.of(quantity).is_some()
                 || self.series.iter().any(|it| it.quantity == quantity);
-            if !is_taken {
-                let name = self.plain[index].source.clone();
-                self.push(quantity, name, Source::Plain(index), Convert::plain(to_si));
+            if is_taken {
+                continue;
             }
+            let FoundSignal { source: name, unit, .. } = self.plain[index].clone();
+            // Units may differ in a factor and an offset.
+            let differs = |unit: &Unit| [1.0, 10.0].iter().any(|value| (unit.to_si)(*value) != to_si(*value));
+            if Unit::named(quantity.dimension(), &unit).is_some_and(|unit| differs(&unit)) {
+                let map = format!("{}={name}", topic_of(quantity));
+                return Err((map.clone(), MapFault::UnitOfName { channel: name, unit, map }));
+            }
+            self.push(quantity, name, Source::Plain(index), Convert::plain(to_si));
         }
+        Ok(())
     }
 
     fn push(&mut self, quantity: Quantity, name: String, source: Source, convert: Convert) {
@@ -170,20 +195,8 @@ impl<'a> Channels<'a> {
             let id = self.database.messages[*message].id;
             self.seen.entry(id).or_default().series.push(self.series.len());
         }
-        let (trace, frames) = (Trace::default(), 0);
-        let [absent, short, not_finite, not_increasing] = [0; 4];
-        self.series.push(Series {
-            quantity,
-            name,
-            source,
-            convert,
-            trace,
-            frames,
-            absent,
-            short,
-            not_finite,
-            not_increasing,
-        });
+        let (trace, counts) = (Trace::default(), Counts::default());
+        self.series.push(Series { quantity, name, source, convert, trace, counts });
     }
 
     /// The source that `name` means, and its unit; `None` if nothing has this name.
@@ -256,7 +269,14 @@ impl<'a> Channels<'a> {
         let ids: Vec<String> =
             self.seen.iter().filter(|(_, seen)| seen.frames > 0).map(|(id, _)| id.to_string()).collect();
         if ids.is_empty() {
-            return "the log has no data frame".to_owned();
+            let unusable = self.unusable.iter().map(|(what, frames)| {
+                format!("{} with {}", count(*frames as usize, "frame"), what.in_words())
+            });
+            let unusable = unusable.collect::<Vec<_>>().join(", ");
+            return match unusable.as_str() {
+                "" => "the log has no data frame".to_owned(),
+                only => format!("the log has only {only}"),
+            };
         }
         let shown = ids.iter().take(LISTED_IDS).map(String::as_str).collect::<Vec<_>>().join(", ");
         let more = if ids.len() > LISTED_IDS { ", ..." } else { "" };
@@ -290,6 +310,10 @@ impl<'a> Channels<'a> {
             return Err(RunError::NoDisplacement { path: path.to_owned(), hint });
         }
         notes.extend(self.could_serve());
+        for (what, frames) in &self.unusable {
+            let (path, what) = (path.to_owned(), what.in_words());
+            notes.push(Note::FramesDropped { path, count: *frames, what });
+        }
         let mut run = Run { name: path.display().to_string(), ..Run::default() };
         let mut drives: [Option<(String, Trace)>; 2] = [None, None];
         for series in self.series {
@@ -323,12 +347,18 @@ impl<'a> Channels<'a> {
                 return Err(MapFault::SeveralBuses { signal, buses: buses.to_vec() });
             }
         }
-        if !series.trace.is_empty() {
-            return Ok(());
+        let Counts { frames, absent, short, not_increasing, out_of_range, timeless, .. } = series.counts;
+        if let Some(last) = series.trace.stamps.last() {
+            let kept = series.trace.len() as u64;
+            if not_increasing <= kept {
+                return Ok(());
+            }
+            let last_s = last.nanos() as f64 / 1e9;
+            return Err(MapFault::TimesJump { signal, dropped: not_increasing, kept, last_s });
         }
         let signals = self.listing(series.quantity);
         match &series.source {
-            Source::Signal { message, bus, .. } if series.frames == 0 => {
+            Source::Signal { message, bus, .. } if frames == 0 => {
                 let of = &self.database.messages[*message];
                 let (message, id) = (of.name.clone(), of.id.to_string());
                 let seen = self.seen.get(&of.id).map(|seen| seen.buses.clone()).unwrap_or_default();
@@ -340,8 +370,15 @@ impl<'a> Channels<'a> {
                 }
             }
             _ => {
-                let (frames, absent, short) = (series.frames, series.absent, series.short);
-                Err(MapFault::NoSignalValue { signal, frames, absent, short })
+                let parts = [
+                    (absent, "hold other signals by their multiplexer"),
+                    (short, "are too short"),
+                    (out_of_range, "have a value outside of its range in the DBC file"),
+                    (timeless, "have no usable time"),
+                ];
+                let parts = parts.iter().filter(|(count, _)| *count > 0);
+                let parts: Vec<String> = parts.map(|(count, what)| format!("; {count} {what}")).collect();
+                Err(MapFault::NoSignalValue { signal, frames, parts: parts.concat() })
             }
         }
     }
@@ -364,12 +401,18 @@ impl<'a> Channels<'a> {
 impl Series {
     fn notes(&self, notes: &mut Vec<Note>) {
         let signal = || self.name.clone();
-        let counts = [(self.not_finite, "NaN or infinite values"), (self.short, "too few data bytes for it")];
+        let Counts { not_finite, short, out_of_range, timeless, not_increasing, .. } = self.counts;
+        let counts = [
+            (not_finite, "NaN or infinite values"),
+            (short, "too few data bytes for it"),
+            (out_of_range, "a value outside of its range in the DBC file"),
+            (timeless, Unusable::Time.in_words()),
+        ];
         for (count, what) in counts.into_iter().filter(|(count, _)| *count > 0) {
             notes.push(Note::SignalDropped { signal: signal(), count, what });
         }
-        if self.not_increasing > 0 {
-            notes.push(Note::SignalNotIncreasing { signal: signal(), count: self.not_increasing });
+        if not_increasing > 0 {
+            notes.push(Note::SignalNotIncreasing { signal: signal(), count: not_increasing });
         }
     }
 }
@@ -391,12 +434,21 @@ impl FrameSink for Channels<'_> {
             if bus.as_ref().is_some_and(|bus| !frame.bus.is(bus)) {
                 continue;
             }
-            series.frames += 1;
-            match decode(&database.messages[*message].signals, *signal, frame.data) {
+            let signals = &database.messages[*message].signals;
+            let decoded = decode(signals, *signal, frame.data);
+            // As from a bus: see `input.rs`.
+            let is_allowed = |value| signals[*signal].is_in_range(value);
+            series.counts.frames += 1;
+            match decoded {
+                Decoded::Value(value) if !is_allowed(value) => series.counts.out_of_range += 1,
                 Decoded::Value(value) => series.push(frame.nanos, value),
-                Decoded::Absent => series.absent += 1,
-                Decoded::Short => series.short += 1,
+                Decoded::Absent => series.counts.absent += 1,
+                Decoded::Short => series.counts.short += 1,
             }
         }
+    }
+
+    fn unusable(&mut self, what: Unusable) {
+        *self.unusable.entry(what).or_default() += 1;
     }
 }

@@ -82,6 +82,28 @@ pub(super) struct BusFrame<'a> {
 /// Receives the frames of a log, in the order of the log.
 pub(super) trait FrameSink {
     fn frame(&mut self, frame: &BusFrame<'_>);
+
+    /// Notes a data frame that cannot be used.
+    fn unusable(&mut self, _what: Unusable) {}
+}
+
+/// What is wrong with a frame, or with a record of an MDF4 file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Unusable {
+    /// Its time is not a number of nanoseconds of 64 bits.
+    Time,
+    /// Its identifier has more bits than its kind.
+    Identifier,
+}
+
+impl Unusable {
+    /// As the end of "frames with".
+    pub(super) const fn in_words(self) -> &'static str {
+        match self {
+            Self::Time => "a time that is NaN, infinite or more than 292 years away",
+            Self::Identifier => "an identifier above 0x7FF that is not marked as one of 29 bits",
+        }
+    }
 }
 
 /// Number of data bytes for the length code of a frame (ISO 11898-1:2015, table 5).

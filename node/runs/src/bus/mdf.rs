@@ -11,10 +11,11 @@ mod value;
 
 use super::channels::{Channels, Source};
 use super::dbc::Database;
-use super::frame::{Bus, BusFrame, CanId, FrameSink, MOST_BYTES, bytes_of_code};
+use super::frame::{Bus, BusFrame, CanId, FrameSink, MOST_BYTES, Unusable, bytes_of_code};
 use crate::decimal::{parse_nanos, push_value};
 use crate::error::MapFault;
 use crate::suggest::FoundSignal;
+use crate::unit::TimeUnit;
 use crate::{LoadOptions, Note, RunError};
 use blocks::{BlockFault, Blocks, Stop};
 use mr_damper_model::sample::Run;
@@ -194,6 +195,12 @@ fn wanted(
                 Some(MapFault::RemoteTime { channel: series.name.clone() })
             }
             (None, _) => Some(MapFault::NoTime { channel: series.name.clone() }),
+            (Some(Channel { conversion: Conversion::Other(kind), .. }), _) => {
+                Some(MapFault::Conversion { channel: format!("{} (its time)", series.name), kind: *kind })
+            }
+            (Some(time), _) if time_exponent(time).is_none() => {
+                Some(MapFault::TimeUnit { channel: series.name.clone(), unit: time.unit.clone() })
+            }
             _ => None,
         };
         if let Some(why) = fault {
@@ -205,11 +212,22 @@ fn wanted(
     Ok(wanted)
 }
 
+/// The unit of a time channel, as a power of ten of a second; `None` if it is not known. MDF4 demands seconds; a file with another unit
+/// means what it says.
+fn time_exponent(time: &Channel) -> Option<i32> {
+    match time.unit.trim() {
+        "" | "sec" | "second" | "seconds" => Some(0),
+        unit => TimeUnit::named(unit).map(|unit| unit.exponent),
+    }
+}
+
 /// Reads the records of one channel group.
 struct Reader<'a> {
     group_index: usize,
     group: &'a ChannelGroup,
     time: &'a Channel,
+    /// The unit of the time, as a power of ten of a second.
+    exponent: i32,
     values: Vec<(usize, &'a Channel)>,
     frame: Option<FrameParts<'a>>,
     taken: u64,
@@ -254,7 +272,9 @@ fn readers<'a, R: Read + Seek>(
         }
         let Some(time) = group.time() else { continue };
         if !values.is_empty() || frame.is_some() {
-            readers.push(Reader { group_index: *index, group, time, values, frame, taken: 0 });
+            // That of wanted channels is known.
+            let exponent = time_exponent(time).unwrap_or(0);
+            readers.push(Reader { group_index: *index, group, time, exponent, values, frame, taken: 0 });
         }
     }
     Ok(readers)
@@ -329,7 +349,13 @@ impl Reader<'_> {
     fn take(&mut self, record: &[u8], channels: &mut Channels<'_>) {
         let index = self.taken;
         self.taken += 1;
-        let Some(nanos) = self.nanos(record, index) else { return };
+        let Some(nanos) = self.nanos(record, index) else {
+            self.values.iter().for_each(|(series, _)| channels.series[*series].count_timeless());
+            if self.frame.is_some() {
+                channels.unusable(Unusable::Time);
+            }
+            return;
+        };
         for (series, channel) in &self.values {
             let series = &mut channels.series[*series];
             series.count();
@@ -339,10 +365,13 @@ impl Reader<'_> {
                 series.push(nanos, value);
             }
         }
-        if let Some(parts) = &self.frame
-            && let Some((bus, id, data)) = parts.of(record)
-        {
-            channels.frame(&BusFrame { nanos, bus: Bus::Number(bus), id, data });
+        let Some(parts) = &self.frame else { return };
+        match parts.of(record) {
+            Some((bus, Some(id), data)) => {
+                channels.frame(&BusFrame { nanos, bus: Bus::Number(bus), id, data })
+            }
+            Some((_, None, _)) => channels.unusable(Unusable::Identifier),
+            None => {}
         }
     }
 
@@ -361,17 +390,18 @@ impl Reader<'_> {
         }
         let mut text = String::new();
         push_value(&mut text, seconds);
-        parse_nanos(&text, 0)
+        parse_nanos(&text, self.exponent)
     }
 }
 
 impl FrameParts<'_> {
-    /// Bus, identifier and data of the frame in a record.
-    fn of<'r>(&'r self, record: &'r [u8]) -> Option<(u32, CanId, &'r [u8])> {
+    /// Bus, identifier and data of the frame in a record. An identifier that cannot be is `None`.
+    fn of<'r>(&'r self, record: &'r [u8]) -> Option<(u32, Option<CanId>, &'r [u8])> {
         let number = |channel: &Channel| channel.place.bits(record);
         let raw = u32::try_from(number(self.id)?).ok()?;
-        let extended = self.extended.and_then(number).map_or(raw >> 31 == 1, |bit| bit != 0);
-        let id = CanId::new(raw & 0x1fff_ffff, extended)?;
+        // Without a mark, only an identifier of 29 bits can be larger than 0x7FF.
+        let extended = self.extended.and_then(number).map_or(raw > 0x7ff, |bit| bit != 0);
+        let id = CanId::new(raw & 0x1fff_ffff, extended);
         let by_code = || self.code.and_then(number).map(|code| bytes_of_code(code.min(15) as u8));
         let stored = match self.bytes.role {
             Role::Variable => {

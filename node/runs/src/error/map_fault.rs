@@ -109,7 +109,9 @@ pub enum MapFault {
         signals: String,
     },
     /// Several signals have the name.
-    #[error("`{signal}` names several signals: {places}; name one of them as MESSAGE.SIGNAL, or rename one")]
+    #[error(
+        "`{signal}` names several signals: {places}; name one of them, as MESSAGE.SIGNAL or, in an MDF4 file, NAME:GROUP"
+    )]
     SignalTwice {
         /// The source as given.
         signal: String,
@@ -211,18 +213,54 @@ pub enum MapFault {
     },
     /// No frame has a value of the signal.
     #[error(
-        "none of the {frames} frames or records has a finite value of {signal} ({absent} hold other signals by their multiplexer, \
-         {short} are too short): map another signal"
+        "none of the {frames} frames or records has a finite value of {signal}{parts}: map another signal"
     )]
     NoSignalValue {
         /// The signal.
         signal: String,
         /// Number of frames of its message, or of records.
         frames: u64,
-        /// Number of frames whose multiplexer selects other signals.
-        absent: u64,
-        /// Number of frames that are too short.
-        short: u64,
+        /// How many have which fault; empty, or it begins with "; ".
+        parts: String,
+    },
+    /// Most frames of a signal have times that go back.
+    #[error(
+        "{dropped} frames of {signal} have times that are not after {last_s} s, the time of a frame before them, and only {kept} have: \
+         the time jumps ahead there. Remove that frame, or print the log with absolute times (`candump -L`)"
+    )]
+    TimesJump {
+        /// The signal.
+        signal: String,
+        /// Number of frames whose time is not after the one before.
+        dropped: u64,
+        /// Number of frames that are left.
+        kept: u64,
+        /// The latest time, s.
+        last_s: f64,
+    },
+    /// The unit of a channel in an MDF4 file is not that of its name.
+    #[error(
+        "channel `{channel}` has the unit `{unit}` in the file and another one in its name: say which it has, for example with \
+         --map {map},unit={unit}"
+    )]
+    UnitOfName {
+        /// The channel.
+        channel: String,
+        /// Its unit in the file.
+        unit: String,
+        /// The beginning of the map.
+        map: String,
+    },
+    /// The time of a channel of an MDF4 file has an unknown unit.
+    #[error(
+        "the time of channel `{channel}` has the unit `{unit}`, and only s, ms, us and ns are known: save the file with times in seconds, \
+         for example with asammdf"
+    )]
+    TimeUnit {
+        /// The channel.
+        channel: String,
+        /// The unit.
+        unit: String,
     },
     /// The conversion of a channel of an MDF4 file is not read.
     #[error(

@@ -196,6 +196,11 @@ fn bus_mdf(is_finished: bool) -> Vec<u8> {
 /// An MDF4 file with plain channels, whose data are in a list of parts: packed by each method, with and without a transposition, and one as
 /// it is.
 fn plain_mdf(rows: u64, conversion: u8) -> Vec<u8> {
+    plain_mdf_in("s", "", rows, conversion)
+}
+
+/// The same with these units of the time and of the force.
+fn plain_mdf_in(time_unit: &str, force_unit: &str, rows: u64, conversion: u8) -> Vec<u8> {
     let mut mdf = Mdf::new(true);
     let linear = mdf.linear(0.01, 0.5);
     let other = mdf.block(b"##CC", &[0; 4], &[[conversion].to_vec(), vec![0; 23]].concat());
@@ -210,9 +215,9 @@ fn plain_mdf(rows: u64, conversion: u8) -> Vec<u8> {
         conversion,
     };
     let first = mdf.channels(&[
-        cn("time", "s", 2, 4, 0, 64, 0),
+        cn("time", time_unit, 2, 4, 0, 64, 0),
         cn("Stroke", "mm", 0, 3, 8, 16, linear),
-        cn("force_kn", "", 0, 4, 10, 32, 0),
+        cn("force_kn", force_unit, 0, 4, 10, 32, 0),
         cn("Text", "", 0, 0, 14, 16, other),
     ]);
     let group = mdf.group(0, first, 0, rows, 0, 16);
@@ -280,6 +285,109 @@ fn plain_channels_of_mdf_are_read_by_map_and_by_name() {
             .contains("say which signal it is, for example --map displacement=Stroke; signals of the log"),
         "{unmapped}"
     );
+}
+
+#[test]
+fn units_in_an_mdf_file_count() {
+    let dir = temporary();
+    let options = LoadOptions { map: mapped(Path::new(""), &["displacement=Stroke"]).map, ..plain() };
+    let file =
+        |name: &str, time: &str, force: &str| write(dir.path(), name, plain_mdf_in(time, force, 200, 0));
+    let last_ns = |name: &str, time: &str| {
+        loaded(&file(name, time, "kN"), &options).run.displacement_m.stamps[199].nanos()
+    };
+    assert_eq!(last_ns("ms.mf4", "ms"), 796_000);
+    assert_eq!(last_ns("sec.mf4", "sec"), 796_000_000);
+    let text = refusal(&file("deg.mf4", "deg", ""), &options);
+    assert!(text.contains("the time of channel `Stroke` has the unit `deg`"), "{text}");
+    // A channel whose name and unit contradict each other.
+    let text = refusal(&file("n.mf4", "s", "N"), &options);
+    assert!(
+        text.contains("`force_kn` has the unit `N`") && text.contains("--map measured_force=force_kn,unit=N"),
+        "{text}"
+    );
+}
+
+#[test]
+fn values_outside_of_their_range_are_dropped_as_from_a_bus() {
+    let dir = temporary();
+    // 300 of the positions are not allowed.
+    let ranged = DBC.replace("(0.01,0.5) [0|0]", "(0.01,0.5) [-1|1]");
+    let dbc = write(dir.path(), "ranged.dbc", &ranged);
+    let all = loaded(
+        &write(dir.path(), "run.log", candump(&frames())),
+        &mapped(&write(dir.path(), "car.dbc", DBC), &["displacement=SUSP_FL.Position"]),
+    );
+    let found = loaded(&dir.path().join("run.log"), &mapped(&dbc, &["displacement=SUSP_FL.Position"]));
+    let allowed = all.run.displacement_m.values.iter().filter(|value| value.abs() <= 1e-3).count();
+    assert!((1..all.run.displacement_m.len()).contains(&allowed), "{allowed}");
+    assert_eq!(found.run.displacement_m.len(), allowed);
+    let dropped = all.run.displacement_m.len() - allowed;
+    let expected = format!(
+        "signal SUSP_FL.Position: {dropped} frames with a value outside of its range in the DBC file dropped"
+    );
+    assert!(found.notes.iter().any(|note| note.to_string() == expected), "{:?}", found.notes);
+    let none = write(dir.path(), "none.dbc", DBC.replace("(0.01,0.5) [0|0]", "(0.01,0.5) [900|901]"));
+    let text = refusal(&dir.path().join("run.log"), &mapped(&none, &["displacement=SUSP_FL.Position"]));
+    assert!(
+        text.contains("SUSP_FL.Position; 200 have a value outside of its range in the DBC file"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_time_that_jumps_ahead_does_not_take_the_rest_of_the_run() {
+    let dir = temporary();
+    let dbc = write(dir.path(), "car.dbc", DBC);
+    let options = mapped(&dbc, &["displacement=SUSP_FL.Position"]);
+    let with_jump_at = |place: usize| {
+        let mut frames = frames();
+        let of_signal = frames.iter_mut().filter(|frame| frame.1 == SUSP).nth(place);
+        of_signal.expect("a frame").0 = 500_000_000_000_000;
+        write(dir.path(), "jump.log", candump(&frames))
+    };
+    let text = refusal(&with_jump_at(10), &options);
+    assert!(text.contains("not after 500000 s") && text.contains("Remove that frame"), "{text}");
+    let late = loaded(&with_jump_at(STEPS as usize - 3), &options);
+    assert!(
+        late.notes.iter().any(|note| matches!(note, Note::SignalNotIncreasing { .. })),
+        "{:?}",
+        late.notes
+    );
+}
+
+#[test]
+fn a_blf_file_that_ends_between_containers_is_noted() {
+    let dir = temporary();
+    let dbc = write(dir.path(), "car.dbc", DBC);
+    let options = mapped(&dbc, &["displacement=SUSP_FL.Position"]);
+    let mut content = blf(&frames(), 500);
+    let size = content.len() as u64;
+    content[16..24].copy_from_slice(&size.to_le_bytes());
+    let whole = loaded(&write(dir.path(), "whole.blf", &content), &options);
+    assert!(!whole.notes.iter().any(|note| matches!(note, Note::LogCutShort { .. })), "{:?}", whole.notes);
+    // Objects in containers that are not packed are of other kinds.
+    let is_container = |at: &usize| content[*at..].starts_with(b"LOBJ") && content[*at + 12] == 10;
+    let begins: Vec<usize> = (0..content.len() - 16).filter(is_container).collect();
+    let cut = begins[begins.len() / 2];
+    let found = loaded(&write(dir.path(), "cut.blf", &content[..cut]), &options);
+    let text = found.notes.iter().map(Note::to_string).collect::<Vec<_>>().join("; ");
+    assert!(text.contains(&format!("read up to byte {cut}")), "{text}");
+    assert!(text.contains(&format!("its header says {size} bytes")), "{text}");
+}
+
+#[test]
+fn frames_with_an_identifier_that_cannot_be_are_counted() {
+    let dir = temporary();
+    let dbc = write(dir.path(), "car.dbc", DBC);
+    let options = mapped(&dbc, &["displacement=SUSP_FL.Position"]);
+    let mut wrong = frames();
+    wrong.iter_mut().filter(|frame| frame.1 == SUSP).take(3).for_each(|frame| frame.1 = 0x2120);
+    let content = blf(&wrong, 1 << 20);
+    let found = loaded(&write(dir.path(), "ids.blf", content), &options);
+    let text = found.notes.iter().map(Note::to_string).collect::<Vec<_>>().join("; ");
+    assert!(text.contains("3 frames with an identifier above 0x7FF that is not marked"), "{text}");
+    assert_eq!(found.run.displacement_m.len(), STEPS as usize - 3);
 }
 
 #[test]
@@ -440,7 +548,7 @@ fn errors_say_what_to_do() {
     let error = refusal(&log, &mapped(&pages, &["displacement=SUSP_FL.Angle,unit=mm"]));
     assert!(
         error.contains(
-            "none of the 200 frames or records has a finite value of SUSP_FL.Angle (200 hold other signals"
+            "none of the 200 frames or records has a finite value of SUSP_FL.Angle; 200 hold other signals by their"
         ),
         "{error}"
     );
