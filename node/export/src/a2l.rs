@@ -5,17 +5,19 @@ use crate::precision::Precision;
 use crate::source::CSource;
 use std::fmt::Write as _;
 
-/// Addresses of the two structures in the memory of the control unit, as `nm` prints them.
+/// The two structures in the memory of the control unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Addresses {
-    /// Of the parameters that calibration changes.
+pub struct Memory {
+    /// Address of the parameters that calibration changes, as `nm` prints it.
     pub parameters: u64,
-    /// Of the output that measurement reads.
+    /// Address of the output that measurement reads.
     pub output: u64,
+    /// True if the first byte of a number is its most significant one.
+    pub is_big_endian: bool,
 }
 
-/// The A2L file of `source`. The variable `parameters_symbol` at `addresses.parameters` holds the parameters, and
-/// `output_symbol` at `addresses.output` the outputs.
+/// The A2L file of `source`. The variable `parameters_symbol` at `memory.parameters` holds the parameters, and
+/// `output_symbol` at `memory.output` the outputs.
 ///
 /// ```
 /// use mr_damper_export::{CExport, a2l};
@@ -23,12 +25,12 @@ pub struct Addresses {
 ///
 /// let model = preset::load(preset::BEST_FUZZY_TANH)?;
 /// let source = CExport::new("damper", &model).source().expect("it is exported");
-/// let text = a2l::file(&source, ["front_left_parameters", "front_left_output"], a2l::Addresses { parameters: 0x2000_0000, output: 0x2000_1000 });
+/// let text = a2l::file(&source, ["front_left_parameters", "front_left_output"], a2l::Memory { parameters: 0x2000_0000, output: 0x2000_1000, is_big_endian: false });
 /// assert!(text.contains("SYMBOL_LINK \"front_left_parameters\" 0") && text.contains("0x20000008"));
 /// # Ok::<(), mr_damper_model::Error>(())
 /// ```
 #[must_use]
-pub fn file(source: &CSource, symbols: [&str; 2], addresses: Addresses) -> String {
+pub fn file(source: &CSource, symbols: [&str; 2], memory: Memory) -> String {
     let [parameters_symbol, output_symbol] = symbols;
     let name = &source.name;
     let (c_type, size) = (source.precision.c_type(), source.precision.size());
@@ -36,12 +38,13 @@ pub fn file(source: &CSource, symbols: [&str; 2], addresses: Addresses) -> Strin
         Precision::Double => ("FLOAT64_IEEE", 1e300),
         Precision::Single => ("FLOAT32_IEEE", 3e38),
     };
+    let byte_order = if memory.is_big_endian { "MSB_FIRST" } else { "MSB_LAST" };
     let mut text = format!(
         "ASAP2_VERSION 1 60
 /begin PROJECT {name} \"Force of a magneto-rheological damper\"
   /begin MODULE {name} \"\"
     /begin MOD_COMMON \"\"
-      BYTE_ORDER MSB_LAST
+      BYTE_ORDER {byte_order}
       ALIGNMENT_{real} {size}
     /end MOD_COMMON
     /begin RECORD_LAYOUT {name}_{c_type}
@@ -56,7 +59,7 @@ pub fn file(source: &CSource, symbols: [&str; 2], addresses: Addresses) -> Strin
             layout: &format!("{name}_{c_type}"),
             most,
             symbol: parameters_symbol,
-            base: addresses.parameters,
+            base: memory.parameters,
             offset,
         };
         characteristic(&mut text, name, parameter, &field);
@@ -79,7 +82,7 @@ pub fn file(source: &CSource, symbols: [&str; 2], addresses: Addresses) -> Strin
       SYMBOL_LINK \"{output_symbol}\" {at}
     /end MEASUREMENT
 ",
-            addresses.output + at
+            memory.output + at
         );
         // The fields are in the order of their sizes, so there is no padding between them.
         at += size * count;

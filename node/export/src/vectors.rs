@@ -206,7 +206,21 @@ pub fn with_requests(mut all: Vec<Readings>, most_n: f64, seed: u64) -> Vec<Read
     all
 }
 
-/// The readings of `all` that are later than all readings before, as in a simulation.
+/// As many readings as `count` says, whose time increases, as in a simulation. With `has_lost`, gaps are filled: see [`with_lost_samples`].
+#[must_use]
+pub fn simulated(model: &Model, count: usize, seed: u64, has_lost: bool) -> Vec<Readings> {
+    for factor in 1.. {
+        let all = increasing(readings(model, factor * count, seed));
+        let mut all = if has_lost { with_lost_samples(all) } else { all };
+        if all.len() >= count {
+            all.truncate(count);
+            return all;
+        }
+    }
+    Vec::new()
+}
+
+/// The readings of `all` that are later than all readings before.
 #[must_use]
 pub fn increasing(mut all: Vec<Readings>) -> Vec<Readings> {
     let mut last_ns = i64::MIN;

@@ -65,12 +65,16 @@ damper_parameters damper_calibration = { 1.0 };\ndamper_output damper_measured;\
         .expect("the compiler runs");
     assert!(linked.status.success(), "{compiler}: {}", String::from_utf8_lossy(&linked.stderr));
     let (addresses_of, sizes) = symbols(nm, &dir.path().join("program.elf"));
-    let base = a2l::Addresses {
+    let base = a2l::Memory {
         parameters: addresses_of["damper_calibration"],
         output: addresses_of["damper_measured"],
+        is_big_endian: false,
     };
     assert!(base.parameters > 0 && base.output > 0 && base.parameters != base.output);
     let text = a2l::file(source, ["damper_calibration", "damper_measured"], base);
+    assert!(text.contains("BYTE_ORDER MSB_LAST\n"));
+    let big_endian = a2l::file(source, ["a", "b"], a2l::Memory { is_big_endian: true, ..base });
+    assert!(big_endian.contains("BYTE_ORDER MSB_FIRST\n"));
     let found = addresses(&text);
     let mut expected = BTreeMap::new();
     for field in fields {

@@ -2,9 +2,10 @@
 
 use crate::cases::{Case, conditionings, each_once, effects, forces, fuzzy_tanh, learned, terms};
 use crate::compile::{compilers, run, write};
-use mr_damper_export::CExport;
 use mr_damper_export::vectors::{Expected, Readings, expected, readings, with_late_stamps};
+use mr_damper_export::{CExport, Precision};
 use std::num::NonZero;
+use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
@@ -141,4 +142,39 @@ fn stamps_that_jitter_need_the_correction() {
         ours.force_n.is_finite() && ours.force_n.to_bits() != theirs.force_n.to_bits()
     });
     assert!(differ.count() > 1_000, "the readings test the correction");
+}
+
+#[test]
+fn options_that_change_results_are_refused() {
+    let dir = tempfile::tempdir().expect("a directory");
+    for (precision, name) in [(Precision::Double, "double"), (Precision::Single, "single")] {
+        let model = fuzzy_tanh();
+        let export = CExport::new("damper", &model).precision(precision);
+        write(dir.path(), &export.source().expect("it is exported"));
+        let refusal = |compiler: &str, options: &[&str]| {
+            let mut command = Command::new(compiler);
+            command.current_dir(dir.path()).args(["-c", "damper.c", "-o", "damper.o"]).args(options);
+            let done = command.output().expect("the compiler runs");
+            (!done.status.success()).then(|| String::from_utf8_lossy(&done.stderr).into_owned())
+        };
+        for compiler in compilers() {
+            // Clang does not say that sums may be reordered, and GCC before version 12 does not either.
+            let mut options = vec![["-ffast-math"].as_slice(), &["-ffinite-math-only"]];
+            if compiler == "gcc" {
+                options.extend([["-funsafe-math-optimizations"].as_slice(), &["-freciprocal-math"]]);
+            }
+            for options in options {
+                let said = refusal(compiler, options).unwrap_or_default();
+                assert!(said.contains("Compile without"), "{compiler} {options:?}, {name}: {said}");
+            }
+            let (usual, gnu) = (["-std=c99"], ["-std=gnu11", "-ffp-contract=off"]);
+            for options in [usual.as_slice(), &gnu] {
+                assert_eq!(refusal(compiler, options), None, "{compiler} {options:?}, {name}");
+            }
+        }
+        // A processor with arithmetic in half precision.
+        let half =
+            refusal("gcc", &["-std=gnu11", "-ffp-contract=off", "-march=sapphirerapids"]).unwrap_or_default();
+        assert!(half.is_empty() || half.contains("sapphirerapids"), "{name}: {half}");
+    }
 }

@@ -6,7 +6,7 @@ use crate::compile::{WARNINGS, bytes, compilers, parse};
 use crate::fmu::{inputs, write_sources};
 use mr_damper_export::CExport;
 use mr_damper_export::fmu::{FmiVersion, Fmu};
-use mr_damper_export::vectors::{expected, increasing, readings, with_lost_samples};
+use mr_damper_export::vectors::{expected, simulated};
 use std::path::Path;
 use std::process::Command;
 
@@ -31,7 +31,7 @@ fn fmpy_has_the_services_bits() {
     let python = std::env::var("MR_DAMPER_FMPY").expect("MR_DAMPER_FMPY is a Python with FMPy");
     each(&each_once(), |index, (name, model)| {
         // An importer's time increases, also where no reading arrives.
-        let all = with_lost_samples(increasing(readings(model, sample_count(), 2000 + index as u64)));
+        let all = simulated(model, sample_count(), 2000 + index as u64, true);
         let service = expected(model, &all).expect("a pipeline");
         let source = CExport::new("damper", model).source().expect("it is exported");
         let version = FmiVersion::ALL[index % FmiVersion::ALL.len()];

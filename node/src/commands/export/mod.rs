@@ -87,6 +87,9 @@ pub struct Args {
     /// Address of NAME_measured.
     #[arg(long, value_name = "ADDRESS", requires = "a2l", value_parser = address)]
     measured_address: Option<u64>,
+    /// The processor stores the first byte of a number first, as a PowerPC does (big-endian).
+    #[arg(long, requires = "a2l")]
+    big_endian: bool,
 }
 
 impl PartError for ExportError {}
@@ -180,14 +183,12 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         written.push(path.clone());
     }
     if let Some(path) = &args.vectors {
-        let mut readings = generated(args.vector_count as usize);
-        if args.fmu.is_some() {
-            readings = vectors::increasing(readings);
-            if inverse.is_some() {
-                readings = vectors::with_lost_samples(readings);
-            }
-        }
-        readings = with_requests(readings, inverse.as_ref());
+        let count = args.vector_count as usize;
+        let readings = match args.fmu {
+            Some(_) => vectors::simulated(&model, count, 1, inverse.is_some()),
+            None => generated(count),
+        };
+        let readings = with_requests(readings, inverse.as_ref());
         let text = match &inverse {
             Some(_) => vectors::csv_with_commands(&model, &settings, &readings)?,
             None => vectors::csv(&model, &readings)?,
@@ -221,11 +222,12 @@ fn with_requests(readings: Vec<Readings>, inverse: Option<&InverseParts>) -> Vec
 
 fn calibration_file(args: &Args, source: &CSource) -> String {
     let symbols = [format!("{}_calibration", args.name), format!("{}_measured", args.name)];
-    let addresses = a2l::Addresses {
+    let memory = a2l::Memory {
+        is_big_endian: args.big_endian,
         parameters: args.calibration_address.unwrap_or_default(),
         output: args.measured_address.unwrap_or_default(),
     };
-    a2l::file(source, [&symbols[0], &symbols[1]], addresses)
+    a2l::file(source, [&symbols[0], &symbols[1]], memory)
 }
 
 fn write(written: &mut Vec<PathBuf>, path: impl AsRef<Path>, text: &str) -> Result<(), NodeError> {
