@@ -209,25 +209,36 @@ pub fn with_requests(mut all: Vec<Readings>, most_n: f64, seed: u64) -> Vec<Read
 /// As many readings as `count` says, whose time increases, as in a simulation. With `has_lost`, gaps are filled: see [`with_lost_samples`].
 #[must_use]
 pub fn simulated(model: &Model, count: usize, seed: u64, has_lost: bool) -> Vec<Readings> {
-    for factor in 1.. {
-        let all = increasing(readings(model, factor * count, seed));
+    let mut generated = count;
+    loop {
+        let all = increasing(readings(model, generated, seed));
         let mut all = if has_lost { with_lost_samples(all) } else { all };
         if all.len() >= count {
             all.truncate(count);
             return all;
         }
+        generated += count;
     }
-    Vec::new()
 }
 
-/// The readings of `all` that are later than all readings before.
+/// The readings of `all` with increasing time. Readings that are late are left out. Where the clock is set back, time goes on after a pause
+/// of 1 s: without it, the next step would be a part of a period, which the service takes for a stamp that jitters.
 #[must_use]
 pub fn increasing(mut all: Vec<Readings>) -> Vec<Readings> {
-    let mut last_ns = i64::MIN;
-    all.retain(|reading| {
-        let is_later = reading.time_ns > last_ns;
-        last_ns = last_ns.max(reading.time_ns);
-        is_later
+    const PAUSE_NS: i64 = 1_000_000_000;
+    let (mut last_ns, mut shift_ns, mut late) = (i64::MIN, 0, 0);
+    all.retain_mut(|reading| {
+        reading.time_ns += shift_ns;
+        if reading.time_ns <= last_ns {
+            late += 1;
+            if late < 3 {
+                return false;
+            }
+            shift_ns += last_ns + PAUSE_NS - reading.time_ns;
+            reading.time_ns = last_ns + PAUSE_NS;
+        }
+        (last_ns, late) = (reading.time_ns, 0);
+        true
     });
     all
 }
