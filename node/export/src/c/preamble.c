@@ -1,6 +1,6 @@
 #include "@NAME@.h"
 
-/* The checks for NaN, and the order of sums and products, must stay as they are written. Clang tells of -ffast-math only. */
+/* The checks for NaN, and the order of sums and products, must stay as they are written. Clang shows -ffast-math and -ffinite-math-only. */
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)
 #error "Compile without -ffast-math, -funsafe-math-optimizations and their parts: results would be other ones."
 #endif

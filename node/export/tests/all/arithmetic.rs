@@ -1,6 +1,6 @@
 //! Arithmetic of doubles on Cortex-M processors under QEMU: the bits of this machine, which rounds to the nearest.
 
-use crate::back_to_back::{is_quick, sample_count};
+use crate::back_to_back::samples;
 use crate::cortex::{PROCESSORS, on_board};
 use mr_damper_export::arm::{SUM, SUM_FILE, SUM_LINKED};
 use mr_damper_export::board::Processor;
@@ -78,7 +78,7 @@ fn wrong(processor: Processor, all: &[[f64; 2]], options: &[&str]) -> ([usize; 6
 #[test]
 #[ignore = "needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm"]
 fn arithmetic_is_rounded_to_the_nearest() {
-    let all = pairs(if is_quick() { 200_000 } else { sample_count() });
+    let all = pairs(samples(200_000));
     for processor in PROCESSORS {
         let (counts, first) = wrong(processor, &all, &["-O2", SUM_FILE, SUM_LINKED]);
         assert_eq!(counts, [0; 6], "{}: {first:?}", processor.name);

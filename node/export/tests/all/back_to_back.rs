@@ -19,9 +19,9 @@ pub(crate) fn is_quick() -> bool {
     requested_count().is_none()
 }
 
-/// Samples of a case.
-pub(crate) fn sample_count() -> usize {
-    requested_count().unwrap_or(5_000)
+/// Samples of a case: `quick` in a quick run.
+pub(crate) fn samples(quick: usize) -> usize {
+    requested_count().unwrap_or(quick)
 }
 
 /// Fails at the first sample where the exported code differs from the service.
@@ -68,7 +68,7 @@ fn take<'a>(cases: &'a [Case], next: &AtomicUsize) -> Option<(usize, &'a Case)> 
 
 /// Compares every case on each compiler at two levels of optimisation.
 fn check(cases: &[Case], has_late_stamps: bool) {
-    let count = sample_count();
+    let count = samples(5_000);
     each(cases, |index, (name, model)| {
         let seed = 22 + index as u64;
         let mut all = readings(model, count, seed);

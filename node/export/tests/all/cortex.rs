@@ -1,6 +1,6 @@
 //! Exported code on Cortex-M processors under QEMU, bit for bit, and its size there.
 
-use crate::back_to_back::{assert_same, each, is_quick, sample_count};
+use crate::back_to_back::{assert_same, each, is_quick, samples};
 use crate::cases::{Case, each_once, effects, forces, fuzzy_tanh, terms, with};
 use crate::compile::{WARNINGS, bytes, is_here, parse, run_bytes, write};
 use crate::inverse::{Prepared, TIGHT, with_learned};
@@ -19,7 +19,7 @@ pub(crate) const PROCESSORS: [Processor; 3] = [Processor::M3, Processor::M4F, Pr
 
 /// Samples of a case: few in a quick run, or MR_DAMPER_EXPORT_SAMPLES.
 fn count() -> usize {
-    if is_quick() { 1000 } else { sample_count() }
+    samples(1000)
 }
 
 /// In a quick run one case of `step`, else all.

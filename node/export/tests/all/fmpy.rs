@@ -1,6 +1,6 @@
 //! FMUs in FMPy: each model and effect, bit for bit.
 
-use crate::back_to_back::{assert_same, each, sample_count};
+use crate::back_to_back::{assert_same, each, samples};
 use crate::cases::each_once;
 use crate::compile::{WARNINGS, bytes, compilers, parse};
 use crate::fmu::{inputs, write_sources};
@@ -31,7 +31,7 @@ fn fmpy_has_the_services_bits() {
     let python = std::env::var("MR_DAMPER_FMPY").expect("MR_DAMPER_FMPY is a Python with FMPy");
     each(&each_once(), |index, (name, model)| {
         // An importer's time increases, also where no reading arrives.
-        let all = simulated(model, sample_count(), 2000 + index as u64, true);
+        let all = simulated(model, samples(5_000), 2000 + index as u64, true);
         let service = expected(model, &all).expect("a pipeline");
         let source = CExport::new("damper", model).source().expect("it is exported");
         let version = FmiVersion::ALL[index % FmiVersion::ALL.len()];

@@ -1,6 +1,6 @@
 //! The exported inverse controller against the service's, bit for bit.
 
-use crate::back_to_back::{assert_same, is_quick, sample_count};
+use crate::back_to_back::{assert_same, is_quick, samples};
 use crate::cases::{Case, effects, forces, fuzzy_tanh, learned, terms, with};
 use crate::compile::{compilers, parse, run_bytes, write};
 use mr_damper_export::vectors::{
@@ -22,7 +22,7 @@ use rand_pcg::Pcg64Mcg;
 
 /// Commands of a case.
 fn count() -> usize {
-    if is_quick() { 3_000 } else { sample_count() }
+    samples(3_000)
 }
 
 /// Numbers of commands.
