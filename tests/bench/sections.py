@@ -53,7 +53,7 @@ def round_trip():
         others = {
             "bare ros2-client echo": [TARGET / "release" / "echo_peer"],
             "this node, no priority": [*node, "-p", "realtime_priority:=0"],
-            "this node, priority 20": [*node, "-p", "realtime_priority:=20"],
+            "this node, priority 20 (the default for root)": [*node, "-p", "realtime_priority:=20"],
             "CycloneDDS echo in C": [echo],
             "rclpy node with the model": [INTEROP / "ros-python.sh", "jazzy", INTEROP / "rclpy_node.py"],
         }

@@ -15,12 +15,16 @@ and the delays of the other messages. Readers on another host get one, at a swit
     unplug    the reader is on another host, whose cable is unplugged
 
 usage: fault_table.py [--node BINARY] [--ecu BINARY] [--build NAME] [--rates 500,1000,4x1000] [--cases rclpy-kill,...] [--seconds 25]
-                      [--quiet 8] [--realtime PRIORITY] [--node-realtime PRIORITY]
+                      [--quiet 8] [--realtime PRIORITY] [--node-realtime PRIORITY] [--ecu-realtime PRIORITY]
+
+The delays contain the time that the threads of the ECU wait for a processor, which the reader may use. --ecu-realtime keeps it small, so
+that the delays show the node. The last table has the time that the threads of both wait for a processor, from /proc/PID/task/*/schedstat.
 
 Progress goes to stderr; Markdown tables and then one line of JSON go to stdout. Exit code 1 if an answer was lost.
 """
 
 import argparse
+import contextlib
 import json
 import os
 import pathlib
@@ -132,6 +136,16 @@ def victim(case, dampers, args):
     return [sys.executable, HERE / "mute_reader.py", *topics]
 
 
+def waited_ms(pid):
+    """Time that the threads of a process have waited for a processor since they started, ms."""
+    waited_ns = 0
+    for thread in pathlib.Path(f"/proc/{pid}/task").glob("*/schedstat"):
+        # A thread may end while this reads.
+        with contextlib.suppress(OSError):
+            waited_ns += int(thread.read_text().split()[1])
+    return waited_ns / 1e6
+
+
 class Session:
     """A node and an ECU at one rate."""
 
@@ -145,15 +159,16 @@ class Session:
             self.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
         names = ",".join(f"d{k}" for k in range(dampers))
         parameters = [f"model:={MODEL}", f"dampers:=[{names}]", "law:=fixed"]
-        priority = args.realtime or args.node_realtime
-        if priority:
-            parameters.append(f"realtime_priority:={priority}")
+        if args.node_realtime is not None:
+            parameters.append(f"realtime_priority:={args.node_realtime}")
         ros_args = [word for parameter in parameters for word in ("-p", parameter)]
         self.node = self.program(self.hosts[0], [args.node, "node", "--ros-args", *ros_args], "node")
         reach = [] if subnet else ["--loopback"]
-        scheduler = ["chrt", "--fifo", args.realtime] if args.realtime else []
+        scheduler = ["chrt", "--fifo", args.ecu_realtime] if args.ecu_realtime else []
         self.ecu = self.program(self.hosts[0], [*scheduler, args.ecu, "--rate", rate_hz, "--dampers", dampers, *reach], "ecu")
         self.ecu.line()
+        # For each phase, how long the threads of node and ECU waited for a processor, ms in a second.
+        self.waits = []
 
     def program(self, host, command, name):
         return Program(host, command, self.folder / f"{name}.log", **self.environment)
@@ -161,7 +176,10 @@ class Session:
     def phase(self, name, seconds):
         self.ecu.tell(name)
         self.ecu.line()
+        programs = {"node": self.node.process.pid, "ecu": self.ecu.process.pid}
+        before = {who: waited_ms(pid) for who, pid in programs.items()}
         time.sleep(seconds)
+        self.waits.append({who: (waited_ms(pid) - before[who]) / seconds if seconds else None for who, pid in programs.items()})
 
     def join(self, case):
         """A reader that joins, and is healthy so far."""
@@ -210,6 +228,9 @@ class Session:
         self.node.process.send_signal(signal.SIGINT)
         self.node.process.wait(20)
         ended = [line for line in open(self.node.log) if "the node has ended" in line]
+        # The ECU has one phase more, until the first one that has a name.
+        for phase, waits in zip(reversed(report["phases"]), reversed(self.waits)):
+            phase["waits_ms_per_s"] = waits
         report["node_lost"] = sum(int(n) for line in ended for n in re.findall(r"\blost\S*?=\S*?(\d+)", line)[:1])
         for host in reversed(self.hosts):
             host.end()
@@ -217,6 +238,12 @@ class Session:
 
 
 KINDS = ("estimates", "commands")
+WHO = ("node", "ecu")
+
+
+def waits(phase, who):
+    """How long the threads of node or ECU waited for a processor, ms in a second."""
+    return phase["waits_ms_per_s"][who]
 
 
 def seconds(phases, kind):
@@ -257,6 +284,7 @@ def rows(build, rate, report):
                 f"{kind}_p99_ratio": ratio(seconds([phase], kind), seconds([phases[before], phases[after]], kind))
                 for kind in KINDS
             },
+            "waits_ms_per_s": {who: (waits(phase, who), statistics.mean(waits(phases[at], who) for at in (before, after))) for who in WHO},
             "worst_ms": max(phase[kind]["worst_ms"] or 0.0 for kind in KINDS),
         }
 
@@ -270,6 +298,10 @@ def losses(row):
 def delays(row, kind):
     value = row[f"{kind}_p99_ratio"]
     return "{:.2f} ({:.2f} to {:.2f})".format(*value) if value else "-"
+
+
+def processor(row):
+    return ", ".join("{:.0f} ({:.0f})".format(*row["waits_ms_per_s"][who]) for who in WHO)
 
 
 def table(found, title, cell, last=None):
@@ -288,6 +320,7 @@ def tables(found):
     table(found, "estimates lost", losses, ("worst delay, ms", lambda of_case: f"{max(row['worst_ms'] for row in of_case):.1f}"))
     for kind in KINDS:
         table(found, f"p99 of {kind}, ratio (95 %)", lambda row, kind=kind: delays(row, kind))
+    table(found, "node and ECU wait for a processor, ms in a second (without the reader)", processor)
 
 
 def main():
@@ -299,9 +332,12 @@ def main():
     parser.add_argument("--cases", default=",".join(CASES))
     parser.add_argument("--seconds", type=float, default=25.0, help="time to observe a fault; the lease of rclpy is 20 s")
     parser.add_argument("--quiet", type=float, default=8.0, help="seconds without a victim after each case")
-    parser.add_argument("--node-realtime", type=int, metavar="PRIORITY", help="realtime_priority of the node alone; -1: if permitted")
     parser.add_argument("--realtime", type=int, metavar="PRIORITY", help="SCHED_FIFO priority of node and ECU; the failing reader has none")
+    parser.add_argument("--node-realtime", type=int, metavar="PRIORITY", help="realtime_priority of the node alone; the default is the node's")
+    parser.add_argument("--ecu-realtime", type=int, metavar="PRIORITY", help="SCHED_FIFO priority of the ECU alone")
     args = parser.parse_args()
+    if args.realtime is not None:
+        args.node_realtime = args.ecu_realtime = args.realtime
     if os.geteuid() != 0:
         sys.exit("fault_table: network namespaces, raw sockets and cables take root")
     unknown = set(args.cases.split(",")) - set(CASES)

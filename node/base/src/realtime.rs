@@ -3,7 +3,7 @@
 //! On Linux a new thread inherits the policy of the thread that starts it. So a temporary thread takes the priority,
 //! starts the others and ends ([`raised`]). This also reaches threads that a library starts. If the system refuses the
 //! priority, the service runs anyway and reports it in its log and on `/diagnostics`. A refusal is a warning only if the
-//! user asked for a certain priority ([`Request`]).
+//! user asked for a priority ([`Request`]).
 
 use std::fmt;
 use std::panic::resume_unwind;

@@ -79,9 +79,9 @@ fn time_critical_threads_get_the_priority() {
 
 #[test]
 #[ignore = "needs root: real-time priority"]
-fn they_get_a_priority_on_request_where_the_system_permits_it() {
+fn they_get_a_priority_by_default_where_the_system_permits_it() {
     let _turn = turn(module_path!());
-    threads_have(u32::from(Request::PRIORITY), &["realtime_priority:=-1".to_owned()]);
+    threads_have(u32::from(Request::PRIORITY), &[]);
 }
 
 /// Starts a node and checks that exactly the threads on the path of a sample have `priority`.
@@ -115,9 +115,9 @@ fn a_node_without_priority_runs_and_reports_it() {
 
 #[test]
 #[ignore = "needs root: drops a capability"]
-fn a_node_that_may_do_without_priority_does_not_warn() {
+fn a_node_that_was_not_asked_for_priority_does_not_warn() {
     let _turn = turn(module_path!());
-    let (status, log) = without_permission(&[], &["-p", "realtime_priority:=-1"]);
+    let (status, log) = without_permission(&[], &[]);
     assert!(!status.message.contains("priority"), "{status:?}");
     let found = value(&status, "realtime_priority");
     assert!(found.starts_with("off, SCHED_FIFO 20 is not available: Operation not permitted"), "{found}");

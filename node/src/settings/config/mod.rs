@@ -227,7 +227,7 @@ impl Default for Config {
             close_loop_auto_load: false,
             align_wait_s: 0.05,
             deadline_s: 0.0,
-            realtime_priority: 0,
+            realtime_priority: -1,
             domain_id: -1,
             discovery_range: "system_default".to_owned(),
             discovery_peers: Vec::new(),
