@@ -228,9 +228,9 @@ class Session:
         self.node.process.send_signal(signal.SIGINT)
         self.node.process.wait(20)
         ended = [line for line in open(self.node.log) if "the node has ended" in line]
-        # The ECU has one phase more, until the first one that has a name.
-        for phase, waits in zip(reversed(report["phases"]), reversed(self.waits)):
-            phase["waits_ms_per_s"] = waits
+        # The ECU's first phase ends with the first one that has a name.
+        for phase, waited in zip(report["phases"][1:], self.waits, strict=True):
+            phase["waits_ms_per_s"] = waited
         report["node_lost"] = sum(int(n) for line in ended for n in re.findall(r"\blost\S*?=\S*?(\d+)", line)[:1])
         for host in reversed(self.hosts):
             host.end()
@@ -301,6 +301,7 @@ def delays(row, kind):
 
 
 def processor(row):
+    """How long node and ECU waited for a processor, ms in a second; in brackets without the reader."""
     return ", ".join("{:.0f} ({:.0f})".format(*row["waits_ms_per_s"][who]) for who in WHO)
 
 

@@ -15,13 +15,18 @@ use mr_damper_model::inverse::{InverseController, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::Settings;
 
+/// Samples of a case.
+fn count() -> usize {
+    samples(5_000)
+}
+
 fn difference(name: &str, export: CExport<'_>, model: &Model, all: &[Readings], seed: u64) -> Difference {
     let service = expected(model, all).expect("a pipeline");
     let source = export.precision(Precision::Single).source().expect("it is exported");
     let dir = tempfile::tempdir().expect("a directory");
     write(dir.path(), &source);
     // A quick run takes the second compiler for every third case.
-    let is_compared = samples(5_000) > 5_000 || seed.is_multiple_of(3);
+    let is_compared = count() > 5_000 || seed.is_multiple_of(3);
     let outputs: Vec<Vec<u8>> = compilers()
         .into_iter()
         .zip(["-O3", "-O0"])
@@ -60,7 +65,7 @@ fn check(cases: &[Case]) {
     let mut failed = Vec::new();
     for (index, (name, model)) in cases.iter().enumerate() {
         let seed = 22 + index as u64;
-        let all = readings(model, samples(5_000), seed);
+        let all = readings(model, count(), seed);
         let own = difference(name, CExport::new("damper", model), model, &all, seed);
         let (largest, rms) = (own.largest_share(), own.rms_share());
         println!("{name}: largest {largest:.1e}, rms {rms:.1e}, far {}, other {}", own.far, own.other);
@@ -69,7 +74,7 @@ fn check(cases: &[Case]) {
             Kind::Jumps => own.far as f64 <= 5e-3 * own.samples as f64,
             Kind::Amplifies => largest <= 1e-2 && rms <= 1e-3,
         };
-        let has_forces = 10 * own.samples > 7 * samples(5_000);
+        let has_forces = 10 * own.samples > 7 * count();
         if !(fits && has_forces && own.other as f64 <= 1e-3 * own.samples as f64) {
             failed.push(format!("{name}: {own:?}"));
         }
@@ -113,7 +118,7 @@ fn commands_in_single_precision_differ_by_rounding_errors() {
         let controller = InverseController::with_method(&model, TIGHT, method).expect("an inverse");
         let parts = controller.parts().expect("an inverse");
         let settings = Settings { limits: TIGHT, method, ..Settings::default() };
-        let all = with_requests(readings(&model, samples(5_000), 31), parts.most_n, 31);
+        let all = with_requests(readings(&model, count(), 31), parts.most_n, 31);
         let service = expected_commands(&model, &settings, &all).expect("a pipeline");
         let export = CExport::new("damper", &model).inverse(&parts).precision(Precision::Single);
         let source = export.source().expect("it is exported");
@@ -136,7 +141,7 @@ fn commands_in_single_precision_differ_by_rounding_errors() {
             "{}: {far} of {commands} commands differ by more than 2 mA, the largest by {largest_a:.1e} A",
             method.name()
         );
-        assert!(commands > samples(5_000) / 2 && 100 * far <= commands, "{}", method.name());
+        assert!(commands > count() / 2 && 100 * far <= commands, "{}", method.name());
     }
 }
 
@@ -151,7 +156,7 @@ fn code_in_single_precision_has_no_fmu() {
 #[test]
 fn corrected_stamps_in_single_precision_differ_by_rounding_errors() {
     let model = fuzzy_tanh();
-    let all = with_late_stamps(readings(&model, samples(5_000), 30), 30);
+    let all = with_late_stamps(readings(&model, count(), 30), 30);
     let export = CExport::new("damper", &model).corrected_stamps();
     let own = difference("corrected stamps", export, &model, &all, 30);
     println!("largest {:.1e}, rms {:.1e}, far {}", own.largest_share(), own.rms_share(), own.far);
