@@ -77,6 +77,7 @@
 //! |---|---|
 //! | force estimates and residuals, sample by sample, live or replayed | [`pipeline`] |
 //! | name the effect that a model lacks | [`diagnose`] |
+//! | follow the values of a model's effects while the damper runs | [`tracking`] |
 //! | compare models over many experiments | [`compare`] |
 //! | a standard deviation and a 90 % band for each estimate | [`calibrate`], [`uncertainty`] |
 //! | write and read a model as a file | [`model_file`] |
@@ -104,6 +105,7 @@ pub mod preset;
 pub mod rig;
 pub mod sample;
 pub mod statistics;
+pub mod tracking;
 pub mod uncertainty;
 pub mod units;
 

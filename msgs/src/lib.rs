@@ -48,8 +48,8 @@ pub mod type_description;
 pub use cdr::CdrError;
 pub use message::{Action, Descriptor, Message, Service};
 pub use mr_damper::{
-    CoilCurrent, CommandVoltage, CurrentCommand, Displacement, Force, ForceEstimate, ForceResidual,
-    ModeChange, Velocity,
+    CoilCurrent, CommandVoltage, CurrentCommand, Displacement, EffectValue, Force, ForceEstimate,
+    ForceResidual, ModeChange, Velocity,
 };
 pub use state::{LimitedBy, Mode, Reasons, UnknownValue, Validity};
 pub use time::TimeOutOfRange;
@@ -60,6 +60,7 @@ pub const MESSAGES: &[Descriptor] = &[
     Descriptor::of::<CommandVoltage>(),
     Descriptor::of::<CurrentCommand>(),
     Descriptor::of::<Displacement>(),
+    Descriptor::of::<EffectValue>(),
     Descriptor::of::<Force>(),
     Descriptor::of::<ForceEstimate>(),
     Descriptor::of::<ForceResidual>(),

@@ -233,3 +233,41 @@ message!(
     "e5f7a962c23525fa409c9158140c100ad502ddfd943fb6620d3cbbad2ceca112",
     definition!(include_str!("../msg/ModeChange.msg"), Header Time)
 );
+
+/// A value of an effect of the running model, estimated from measured force over a window.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct EffectValue {
+    /// The stamp of the last sample of the window, and the frame of the damper.
+    pub header: Header,
+    /// Id of the effect, as in model files.
+    pub effect: String,
+    /// Form of the effect, as in model files; empty if it has only one.
+    pub form: String,
+    /// Name of the value, as in model files. It ends in the unit.
+    pub parameter: String,
+    /// The value in the running model.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub running: f64,
+    /// The estimate, in the same unit; NaN if the window does not determine it.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub value: f64,
+    /// Low end of its 95 % interval, which contains chance alone; NaN if the window does not determine it.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub low: f64,
+    /// High end of that interval.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub high: f64,
+    /// Length of the window, s.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub window: f64,
+    /// Number of windows that were compared so far, this one included.
+    pub windows: u32,
+    /// True from the window on that shows a change of the value, until another model is loaded.
+    pub changed: bool,
+}
+message!(
+    EffectValue,
+    "mr_damper_msgs" / "msg" / "EffectValue",
+    "afc6b29f59964b92477f7f307d57cb8ed686cd008bbe8d7980cd10efd6dc9632",
+    definition!(include_str!("../msg/EffectValue.msg"), Header Time)
+);

@@ -108,6 +108,8 @@ pub struct Residual {
     pub windowed_esr: f64,
     /// Time constant of the forgetting.
     pub window: Second,
+    /// The model had all its inputs and its filters had settled, so the residual counts for the alarm.
+    pub counts: bool,
     /// The residual alarm is raised: the model error is larger than the settings allow. See [`AlarmChange`].
     pub alarm: bool,
 }

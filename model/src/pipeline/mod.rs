@@ -461,6 +461,7 @@ impl Pipeline {
                 windowed_rsse: Newton(window.rsse_n),
                 windowed_esr: window.esr,
                 window: Second(self.settings.residual_window_s),
+                counts: waiting.counts,
                 alarm: self.alarm.is_raised(),
             }));
         }

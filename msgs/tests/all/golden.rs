@@ -43,7 +43,7 @@ use mr_damper_msgs::type_description::{
     IndividualTypeDescription, TypeDescription, TypeSource,
 };
 use mr_damper_msgs::{
-    CoilCurrent, CommandVoltage, CurrentCommand, Descriptor, Displacement, Force, ForceEstimate,
+    CoilCurrent, CommandVoltage, CurrentCommand, Descriptor, Displacement, EffectValue, Force, ForceEstimate,
     ForceResidual, MESSAGES, Message, ModeChange, Service, Velocity, cdr, msgdef, rihs01,
 };
 
@@ -56,7 +56,7 @@ const HASHES: &str = include_str!("golden/hashes.tsv");
 macro_rules! for_every_message {
     ($check:ident) => {
         for_every_message!(
-            $check: CoilCurrent CommandVoltage CurrentCommand Displacement Force ForceEstimate ForceResidual
+            $check: CoilCurrent CommandVoltage CurrentCommand Displacement EffectValue Force ForceEstimate ForceResidual
             ModeChange Velocity Time DiagnosticArray DiagnosticStatus KeyValue Clock JointState Temperature
             Float64 Float32 Range Vector3 Wrench WrenchStamped Twist TwistStamped Header LoadModelRequest LoadModelResponse ResetRequest ResetResponse SetModeRequest
             SetModeResponse CloseLoopGoal CloseLoopResult CloseLoopFeedback DesignGoal DesignResult
@@ -224,7 +224,7 @@ fn defined<M: Message>() -> &'static str {
 #[test]
 fn definitions_and_structs_agree() {
     let defined = for_every_message!(defined);
-    assert_eq!(defined.len(), 99);
+    assert_eq!(defined.len(), 100);
     let topics: BTreeSet<&str> = defined.into_iter().filter(|name| name.contains("/msg/")).collect();
     let listed: BTreeSet<&str> = MESSAGES.iter().map(|message: &Descriptor| message.type_name).collect();
     assert_eq!(listed, topics);

@@ -521,6 +521,7 @@ fn is_output(type_name: &str) -> bool {
         "mr_damper_msgs/msg/ForceResidual",
         "mr_damper_msgs/msg/CurrentCommand",
         "mr_damper_msgs/msg/ModeChange",
+        "mr_damper_msgs/msg/EffectValue",
         "diagnostic_msgs/msg/DiagnosticArray",
         "rcl_interfaces/msg/Log",
         "rcl_interfaces/msg/ParameterEvent",

@@ -12,8 +12,8 @@ use mr_damper_base::shown;
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::standard::{DiagnosticArray, Temperature};
 use mr_damper_msgs::{
-    CoilCurrent, CommandVoltage, CurrentCommand, Displacement, Force, ForceEstimate, ForceResidual, Message,
-    ModeChange, Velocity,
+    CoilCurrent, CommandVoltage, CurrentCommand, Displacement, EffectValue, Force, ForceEstimate,
+    ForceResidual, Message, ModeChange, Velocity,
 };
 use mr_damper_runs::{BagOptions, BagWriter};
 use mr_damper_views::watch::{MOST_DAMPERS, discovery};
@@ -323,5 +323,6 @@ fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap
         tap::<ForceResidual>(ros, topic("force_residual"))?,
         tap::<CurrentCommand>(ros, topic("current_command"))?,
         tap::<ModeChange>(ros, topic("mode"))?,
+        tap::<EffectValue>(ros, topic("effect_values"))?,
     ])
 }

@@ -15,6 +15,7 @@ use crate::settings::config::{Config, Mutability, Parameter, Value, find};
 use crate::settings::error::{NodeError, RequestError};
 use mr_damper_base::clock::Clock;
 use mr_damper_model::condition::VelocitySource;
+use mr_damper_model::effect::Effects;
 use mr_damper_model::inverse::{ControlLaw, Fold, InverseController, SurrogateFit};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Models, PipelineSetup, Settings};
@@ -267,6 +268,34 @@ impl Control {
         tracing::info!(model = now.free, before = before.free, hash = now.hash, "a new model is in use");
         Self::say_commands(&models.free, &settings, &controller);
         Ok(Loaded { before, now })
+    }
+
+    /// Gives the effects of the running model, `made_from`, other values.
+    ///
+    /// # Errors
+    /// When another model runs by now, or too many changes are waiting. Nothing changes then.
+    pub fn move_effects(&self, effects: Effects, made_from: &Model) -> Result<(), NodeError> {
+        let mut state = lock(&self.state);
+        let running = state.models.filter(|models| models.free == *made_from);
+        let Some(running) = running else {
+            let model = read(&self.names).free;
+            return Err(ControlError::Replaced { model }.into());
+        };
+        let models = Models { free: Model { effects, ..running.free }, ..running };
+        let hash = models::hash(&models)?;
+        let setup = setup(&state.config, &models)?.1;
+        if state.lifecycle == LifecycleState::Active {
+            self.send(&[PipelineCommand::Take(*setup)])?;
+        }
+        state.models = Some(models);
+        let now = ModelNames { hash, ..read(&self.names) };
+        tracing::info!(
+            model = now.free,
+            hash = now.hash,
+            "the values of the model's effects have been adapted"
+        );
+        self.runs_on(Some(&models), now);
+        Ok(())
     }
 
     /// Logs how `controller`, the inverse controller for the model `free`, commands currents, and where it cannot.

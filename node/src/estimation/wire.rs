@@ -2,6 +2,7 @@
 
 use mr_damper_model::pipeline::{Estimate, Residual, Slot, StampedCommand, Transition};
 use mr_damper_model::sample::Stamp;
+use mr_damper_model::tracking::EffectValue;
 use mr_damper_msgs::standard::{Header, Time};
 use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
 use serde::{Deserialize, Serialize};
@@ -92,6 +93,25 @@ pub fn current_command(commanded: &StampedCommand, frame_id: &str) -> CurrentCom
         limited_by: command.limited_by as u8,
         achievable_min: command.achievable[0].get(),
         achievable_max: command.achievable[1].get(),
+    }
+}
+
+/// The message of a value of an effect, from a window of `window_s` seconds.
+#[must_use]
+pub fn effect_value(value: &EffectValue, window_s: f64, frame_id: &str) -> mr_damper_msgs::EffectValue {
+    let [low, high] = value.ci95;
+    mr_damper_msgs::EffectValue {
+        header: header(value.stamp, frame_id),
+        effect: value.effect.id().to_owned(),
+        form: value.effect.form().unwrap_or_default().to_owned(),
+        parameter: value.name().to_owned(),
+        running: value.running,
+        value: value.value,
+        low,
+        high,
+        window: window_s,
+        windows: value.windows,
+        changed: value.changed,
     }
 }
 

@@ -192,7 +192,7 @@ impl DamperNode {
         let (sender, overseen) = estimator::channel(EventFilter::All);
         rings.push(("history", Arc::clone(&overseen.dropped)));
         senders.push(sender);
-        let overseeing = Overseeing::offer(&mut ros, args, &control, rosout)?;
+        let overseeing = Overseeing::offer(&mut ros, args, &control, rosout, frame.clone())?;
         let watched = watch.then(|| {
             let (sender, receiver) = estimator::channel(EventFilter::All);
             rings.push(("watch", Arc::clone(&receiver.dropped)));

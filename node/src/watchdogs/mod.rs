@@ -1,6 +1,7 @@
 //! What observes a running node.
 
 pub mod diagnostics;
+pub mod effect_watch;
 pub mod event_log;
 pub mod history;
 pub mod memory;

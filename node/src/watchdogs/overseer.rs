@@ -1,11 +1,13 @@
 //! The overseer thread. It keeps the history of raw input, logs the events of the pipeline, publishes the log on
-//! `/rosout`, and publishes the state of node and model on `/diagnostics` once per second.
+//! `/rosout`, publishes the state of node and model on `/diagnostics` once per second, and follows the values of the
+//! model's effects.
 //!
 //! It has its own ring from the estimating thread and polls it a few times per second. Its work is not urgent, and
 //! waking it for each sample would cost more than the models.
 
 use crate::estimation::control::Control;
 use crate::estimation::estimator::EventReceiver;
+use crate::estimation::frame::Frame;
 use crate::estimation::wire::{SharedNames, header};
 use crate::ros2::participant::{Domain, Output, Ros};
 use crate::ros2::rosout::Rosout;
@@ -16,6 +18,7 @@ use crate::streams::source::{self, InputTopic};
 use crate::watchdogs::diagnostics::{
     CLOCK_ADVICE, Counters, Health, NodeStatus, Publishers, StatusContext, publishers_advice, twin_advice,
 };
+use crate::watchdogs::effect_watch::EffectWatch;
 use crate::watchdogs::event_log::EventLog;
 use crate::watchdogs::history::History;
 use mr_damper_base::clock::Clock;
@@ -80,6 +83,7 @@ pub struct Overseeing {
     history: SharedHistory,
     health: Health,
     node_status: NodeStatus,
+    effects: EffectWatch,
     log: EventLog,
     /// True once the log says that the history is full early.
     said_dropped: bool,
@@ -121,7 +125,7 @@ impl SimTime {
 }
 
 impl Overseeing {
-    /// Creates the publisher. `rosout` receives the log.
+    /// Creates the publishers. `rosout` receives the log, and `frame` is the frame of the outputs.
     ///
     /// # Errors
     /// When the topic cannot be published.
@@ -130,6 +134,7 @@ impl Overseeing {
         args: &RosArgs,
         control: &Arc<Control>,
         rosout: Option<Rosout>,
+        frame: Frame,
     ) -> Result<Self, NodeError> {
         Ok(Self {
             publisher: ros.publish_seldom(&args.topic("/diagnostics"))?,
@@ -143,6 +148,7 @@ impl Overseeing {
             history: Arc::new(Mutex::new(History::new(control.config().history_duration_s))),
             health: Health::default(),
             node_status: NodeStatus::default(),
+            effects: EffectWatch::offer(ros, args, control, frame)?,
             log: EventLog::default(),
             said_dropped: false,
             lost: 0,
@@ -196,6 +202,7 @@ impl Overseeing {
             }
             self.health.take(&event, at);
             self.node_status.take(&event, at);
+            self.effects.take(&event);
             self.log.take(&event, &names);
         }
         self.log.flush();
@@ -204,6 +211,7 @@ impl Overseeing {
     /// Runs once per second: publishes, applies changed parameters, and logs losses.
     fn look(&mut self, receiver: &EventReceiver, counters: &Counters, clock: &Clock) {
         let config = self.control.config();
+        self.effects.refresh(&config);
         let (history_s, dropped) = {
             let mut history = lock(&self.history);
             history.set_duration_s(config.history_duration_s);
@@ -244,10 +252,11 @@ impl Overseeing {
             clock_missing,
         };
         let lifecycle = self.control.lifecycle_state();
-        let status = vec![
+        let mut status = vec![
             self.node_status.status(now, &context, lifecycle, counters),
             self.health.residual_status(now, &context),
         ];
+        status.extend(self.effects.status(&context));
         let message = DiagnosticArray { header: header(clock.now_or_system(), ""), status };
         if let Err(error) = self.publisher.publish(message) {
             tracing::warn!("cannot publish /diagnostics: {error}");

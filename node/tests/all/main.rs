@@ -44,6 +44,7 @@ mod live_can;
 mod live_close_loop;
 mod live_command;
 mod live_conventions;
+mod live_effects;
 mod live_fleet;
 mod live_float;
 mod live_load_model;

@@ -4,8 +4,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use mr_damper_msgs::{
-    CoilCurrent, CommandVoltage, CurrentCommand, Displacement, Force, ForceEstimate, ForceResidual,
-    ModeChange, Velocity,
+    CoilCurrent, CommandVoltage, CurrentCommand, Displacement, EffectValue, Force, ForceEstimate,
+    ForceResidual, ModeChange, Velocity,
 };
 use mr_damper_msgs::{
     MESSAGES, Message, action, cdr, geometry, lifecycle, rcl, rosbag2, srv, standard, type_description,
@@ -25,6 +25,7 @@ const ALL: &[Entry] = entries![
     CommandVoltage,
     CurrentCommand,
     Displacement,
+    EffectValue,
     Force,
     ForceEstimate,
     ForceResidual,

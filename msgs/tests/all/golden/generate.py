@@ -288,6 +288,12 @@ CASES = {
         'alarm': {'header': header(), 'measured': 1.0, 'predicted': -1.0, 'residual': 2.0, 'normalised': NAN,
                   'windowed_rsse': NAN, 'windowed_esr': NAN, 'window': 0.5, 'alarm': True},
     },
+    'mr_damper_msgs/msg/EffectValue': {
+        **frames(effect='coil_lag', form='', parameter='tau_s', running=0.012, value=0.0143, low=0.0142, high=0.0144,
+                 window=60.0, windows=12, changed=True),
+        'unknown': {'header': header(), 'effect': 'coil_lag', 'form': 'rise_fall', 'parameter': 'tau_fall_s', 'running': 0.019,
+                    'value': NAN, 'low': NAN, 'high': NAN, 'window': 60.0, 'windows': 0, 'changed': False},
+    },
     'mr_damper_msgs/msg/CurrentCommand': {
         **frames(current=1.2, force_requested=500.0, force_expected=487.5, achievable=False, dissipative=True,
                  limited_by=1, achievable_min=120.0, achievable_max=487.5),

@@ -28,6 +28,7 @@ use crate::settings::error::NodeError;
 use mr_damper_model::condition::ApplyTo;
 use mr_damper_model::inverse::{ControlLaw, SkyhookGains};
 use mr_damper_model::pipeline::{Settings, UseForce};
+use mr_damper_model::tracking::TrackingSettings;
 use qos::Overrides;
 
 /// Configuration of one input topic.
@@ -121,6 +122,19 @@ pub struct ZenohSettings {
     pub allow_non_loopback: bool,
 }
 
+/// How the values of the model's effects are followed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EffectSettings {
+    /// Estimate the values from measured force.
+    pub track: bool,
+    /// Windows, and the rate of false alarms.
+    pub tracking: TrackingSettings,
+    /// Let the running model take the estimates.
+    pub adapt: bool,
+    /// Largest difference of an adapted value to the loaded one, as a share of the latter.
+    pub adapt_share: f64,
+}
+
 /// The node's configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
@@ -171,6 +185,8 @@ pub struct Config {
     pub fixed_a: f64,
     /// Length of the raw input that is kept for `close_loop`, s.
     pub history_duration_s: f64,
+    /// How the values of the model's effects are followed.
+    pub effects: EffectSettings,
     /// Directory of the model files that `close_loop` writes; empty: the system's temporary directory.
     pub close_loop_out: String,
     /// Load the model found by `close_loop` automatically.
@@ -223,6 +239,12 @@ impl Default for Config {
             groundhook_n_s_m: 1500.0,
             fixed_a: 0.0,
             history_duration_s: 120.0,
+            effects: EffectSettings {
+                track: false,
+                tracking: TrackingSettings::default(),
+                adapt: false,
+                adapt_share: 0.2,
+            },
             close_loop_out: String::new(),
             close_loop_auto_load: false,
             align_wait_s: 0.05,

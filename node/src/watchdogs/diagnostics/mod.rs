@@ -1,12 +1,14 @@
 //! Statuses of a running damper on `/diagnostics`: one for the work of the node, one for the residual of the simulation
-//! (free run).
+//! (free run), and one for the values of effects if they are tracked.
 
 mod counters;
+mod effects;
 mod node_status;
 mod publishers;
 mod residual;
 
 pub use counters::Counters;
+pub use effects::effect_status;
 pub use node_status::{CLOCK_ADVICE, NodeStatus, twin_advice};
 pub use publishers::{Publishers, publishers_advice};
 pub use residual::Health;

@@ -119,6 +119,7 @@ mod tests {
             windowed_rsse: Newton(rsse_n),
             windowed_esr: 0.0123,
             window: Second(5.0),
+            counts: true,
             alarm: false,
         })
     }

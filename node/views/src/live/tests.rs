@@ -77,6 +77,7 @@ fn step(summary: &mut LiveSummary, k: i64) {
             windowed_rsse: Newton(51.5),
             windowed_esr: 0.0123,
             window: Second(5.0),
+            counts: true,
             alarm: false,
         }));
     }

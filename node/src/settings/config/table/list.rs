@@ -35,7 +35,7 @@ const NODE: [Parameter; 3] = [
     },
 ];
 
-const MAIN: [Parameter; 27] = [
+const MAIN: [Parameter; 32] = [
     list!(
         "dampers",
         "names of several dampers; each is a node in its own namespace, with parameters below its name (front_left.model); empty: the node itself is the damper",
@@ -160,6 +160,39 @@ const MAIN: [Parameter; 27] = [
         Running,
         "length of the raw input that is kept for the action close_loop, s; naming an effect needs at least 30 s of motion",
         history_duration_s
+    ),
+    truth!(
+        "effects.track",
+        Running,
+        "true: estimate the values of the model's effects from measured force, publish them on effect_values after each window, and report a change",
+        effects.track
+    ),
+    double!(
+        "effects.window_s",
+        48.0..=86400.0,
+        Running,
+        "length of a window from which the values of effects are estimated, s",
+        effects.tracking.window_s
+    ),
+    double!(
+        "effects.false_alarm_interval_s",
+        3600.0..=1e10,
+        Running,
+        "minimum of the mean time between false alarms about changed values of effects, s of time with a residual",
+        effects.tracking.false_alarm_interval_s
+    ),
+    truth!(
+        "effects.adapt",
+        Running,
+        "true: with effects.track, the running model takes estimated values of its effects; its base stays as it is, and no file changes",
+        effects.adapt
+    ),
+    double!(
+        "effects.adapt_share",
+        0.01..=1.0,
+        Running,
+        "largest difference of an adapted value to the value in the model file, as a share of the latter",
+        effects.adapt_share
     ),
     text!(
         "close_loop.out",

@@ -55,6 +55,7 @@ pub(super) fn residual(nanos: i64, residual_n: f64) -> Event {
         windowed_rsse: Newton(8.0),
         windowed_esr: 0.001,
         window: Second(5.0),
+        counts: true,
         alarm: false,
     })
 }

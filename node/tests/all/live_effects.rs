@@ -1,0 +1,99 @@
+//! Values of effects while the real service runs, over real DDS: published on `effect_values`, reported on `/diagnostics`, and taken by the
+//! running model if that is allowed.
+
+use crate::domain::Domain;
+use crate::live_support::lagging::{LAG_S, base, run, write};
+use crate::turn::turn;
+use crate::wait::wait_until;
+use mr_damper_model::effect::{Effect, EffectModel, Effects};
+use mr_damper_model::model::Model;
+use mr_damper_msgs::EffectValue;
+use mr_damper_msgs::standard::DiagnosticArray;
+use mr_damper_node::nodes::damper_node::DamperNode;
+use mr_damper_node::ros2::participant::Ros;
+use mr_damper_node::settings::config::{Config, RosArgs, Value};
+use mr_damper_node::settings::interrupt::Interrupt;
+use mr_damper_node::streams::player::{PlaybackOptions, Played, Player, Rate};
+use ros2_client::NodeOptions;
+use std::time::Duration;
+
+/// The lag in the model that is loaded, s: a third too long.
+const LOADED_S: f64 = 0.016;
+
+#[test]
+fn values_are_published_and_the_model_takes_them() {
+    let _turn = turn(module_path!());
+    let domain = Domain::lease();
+    let dir = tempfile::tempdir().expect("a directory");
+    let path = dir.path().join("lag.toml");
+    let lag = EffectModel::new(Effect::CoilLag, &[LOADED_S]).expect("a lag");
+    write(&path, Model { effects: Effects::new(&[lag]).expect("one effect"), ..base() });
+    let mut config = Config {
+        model: path.display().to_string(),
+        domain_id: domain.id(),
+        use_sim_time: true,
+        align_wait_s: 0.5,
+        ..Config::default()
+    };
+    for (name, value) in [
+        ("effects.track", Value::Bool(true)),
+        ("effects.adapt", Value::Bool(true)),
+        ("effects.window_s", Value::Double(48.0)),
+    ] {
+        config.set(name, &value).expect("in range");
+    }
+    let args = RosArgs::in_namespace("/corner");
+    let (service, _) = DamperNode::start(&config, &args, false).expect("the service starts");
+    let mut peer = Ros::start(&config, &args, NodeOptions::new(), "peer").expect("a peer starts");
+    let values = peer.subscribe::<EffectValue>("/corner/effect_values").expect("a topic");
+    let statuses = peer.subscribe::<DiagnosticArray>("/diagnostics").expect("a topic");
+    let player = Player::start(&config, &args, false).expect("the player starts");
+    let interrupt = Interrupt::manual();
+    assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
+    let options = PlaybackOptions { rate: Rate::Times(8.0), clock: true, ..PlaybackOptions::default() };
+    player.play(&run(52.0, LAG_S, 2), &options, &mut Played::default(), &interrupt, None, &|_| {});
+
+    let mut found = None;
+    wait_until("a value", || {
+        found = values.take().expect("readable").map(|(value, _)| value);
+        found.is_some()
+    });
+    let found = found.expect("a value");
+    assert_eq!((&*found.effect, &*found.form, &*found.parameter), ("coil_lag", "one_tau", "tau_s"));
+    assert_eq!(
+        (&*found.header.frame_id, found.running, found.window, found.windows),
+        ("corner", LOADED_S, 48.0, 1)
+    );
+    assert!(
+        (found.value / LAG_S - 1.0).abs() < 0.1 && found.low < found.value && found.value < found.high,
+        "{found:?}"
+    );
+    assert!(!found.changed, "one window shows no change");
+
+    // The model has gone a third of the way. Its base is the loaded one.
+    let mut running = None;
+    wait_until("the adapted model", || {
+        running = service.control().models().map(|models| models.free);
+        running.is_some_and(|model| model.effects.as_slice()[0].parameters()[0] != LOADED_S)
+    });
+    let adapted_s = running.expect("a model").effects.as_slice()[0].parameters()[0];
+    let expected_s = LOADED_S + (found.value - LOADED_S) / 3.0;
+    assert!((adapted_s - expected_s).abs() < 1e-9, "{adapted_s} s, {expected_s} s");
+
+    let mut status = None;
+    wait_until("the status of the effects", || {
+        let array = statuses.take().expect("readable");
+        let mut all = array.into_iter().flat_map(|(array, _)| array.status);
+        status = all.find(|status| status.name.ends_with(": effects") && !status.values.is_empty());
+        status.is_some()
+    });
+    let status = status.expect("a status");
+    assert_eq!(
+        (&*status.message, &*status.values[0].key),
+        ("no effect has changed its value", "coil_lag.tau_s")
+    );
+    player.stop();
+    drop((values, statuses));
+    peer.stop();
+    service.stop().expect("no thread panicked");
+}
