@@ -40,7 +40,7 @@ mod _native {
     #[pymodule_export]
     use super::main;
     #[pymodule_export]
-    use super::model::{Model, Stepper};
+    use super::model::{Model, Stepper, changes};
     #[pymodule_export]
     use super::run::Run;
     /// The version of the package.

@@ -4,9 +4,11 @@ use crate::error::{exception, of_model};
 use crate::run::Run;
 use crate::table::{floats, ints};
 use crate::work;
+use mr_damper_model::effect::Effect;
 use mr_damper_model::model_file::ModelFile;
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
+use mr_damper_model::tracking::{ChangeTest, EffectTracker, EffectValue, Observed, TrackingSettings};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
 use mr_damper_node::NodeError;
 use mr_damper_node::commands::fis;
@@ -116,6 +118,60 @@ impl Model {
         columns.set_item("reasons", rows.iter().map(reasons).collect::<Vec<_>>())?;
         Ok(columns)
     }
+
+    /// The values that a tracker with windows of `window_s` seconds finds in `runs` of one damper: a column for each field.
+    fn effect_values<'py>(
+        &self,
+        py: Python<'py>,
+        runs: Vec<Bound<'py, Run>>,
+        window_s: f64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let mut runs: Vec<_> = runs.iter().map(|run| Arc::clone(&run.get().0)).collect();
+        runs.sort_by_key(|run| run.run.displacement_m.stamps.first().copied());
+        let tracking = TrackingSettings { window_s, ..TrackingSettings::default() };
+        let values = work::run(py, None, |context| {
+            let mut tracker = EffectTracker::new(&self.0.model, &Settings::default(), &tracking)?;
+            let mut values = Vec::new();
+            for sample in runs.iter().flat_map(|run| run.run.samples()) {
+                if context.interrupt.is_raised() {
+                    return Err(NodeError::Interrupted);
+                }
+                tracker.step(&sample, &mut |value| values.push(value));
+            }
+            Ok(values)
+        })?;
+        let columns = PyDict::new(py);
+        let all = |of: fn(&EffectValue) -> f64| floats(py, values.iter().map(of));
+        columns.set_item("time_ns", ints(py, values.iter().map(|value| value.stamp.nanos())))?;
+        columns.set_item("running", all(|value| value.running))?;
+        columns.set_item("value", all(|value| value.value))?;
+        columns.set_item("low", all(|value| value.ci95[0]))?;
+        columns.set_item("high", all(|value| value.ci95[1]))?;
+        columns.set_item("displacement_std_m", all(|value| value.excitation[0].exp()))?;
+        columns.set_item("velocity_rms_m_s", all(|value| value.excitation[1].exp()))?;
+        columns.set_item("drive_share", all(|value| value.excitation[2]))?;
+        let effects: Vec<_> = values.iter().map(|value| value.quantity.effect()).collect();
+        columns.set_item("effect", effects.iter().map(|it| it.map_or("", Effect::id)).collect::<Vec<_>>())?;
+        let form = |effect: &Option<Effect>| effect.and_then(Effect::form).unwrap_or_default();
+        columns.set_item("form", effects.iter().map(form).collect::<Vec<_>>())?;
+        columns
+            .set_item("parameter", values.iter().map(|value| value.quantity.name()).collect::<Vec<_>>())?;
+        Ok(columns)
+    }
+}
+
+/// For each value whether it completes the evidence that the value has changed, with at least `values_per_alarm` values, in the mean, before a
+/// false alarm.
+#[pyfunction]
+pub(crate) fn changes(
+    values: Vec<f64>,
+    halves: Vec<f64>,
+    excitations: Vec<[f64; 3]>,
+    values_per_alarm: f64,
+) -> Vec<bool> {
+    let mut test = ChangeTest::new(values_per_alarm);
+    let observed = values.into_iter().zip(halves).zip(excitations);
+    observed.map(|((value, half), excitation)| test.see(&Observed { value, half, excitation })).collect()
 }
 
 /// Names of the columns with numbers.

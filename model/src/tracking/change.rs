@@ -47,19 +47,38 @@ const KINDS: usize = 32;
 const COEFFICIENTS: usize = 1 + COVARIATES + KINDS;
 
 /// A value as a window found it.
+///
+/// ```
+/// use mr_damper_model::tracking::Observed;
+///
+/// let (stroke_m, speed_m_s, drive) = (0.008_f64, 0.12_f64, 0.4);
+/// let observed = Observed { value: 0.0121, half: 0.0004, excitation: [stroke_m.ln(), speed_m_s.ln(), drive] };
+/// assert!(observed.half < observed.value);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Observed {
-    /// The value.
+pub struct Observed {
+    /// The value, in any unit.
     pub value: f64,
-    /// Half of its 95 % interval.
+    /// Half of its 95 % interval, in the same unit.
     pub half: f64,
-    /// z.
+    /// Excitation of the window: see [`EffectValue::excitation`](super::EffectValue::excitation).
     pub excitation: [f64; COVARIATES],
 }
 
-/// The test of one value.
+/// The test whether one value changes: the equations stand in `change.rs`.
+///
+/// ```
+/// use mr_damper_model::tracking::{ChangeTest, Observed};
+///
+/// // At most one false alarm in a thousand values. The value jumps at the 40th.
+/// let mut test = ChangeTest::new(1000.0);
+/// let value = |k: u32| 12.0 + 0.1 * (2.4 * f64::from(k)).sin() + if k < 40 { 0.0 } else { 0.5 };
+/// let excitation = [-5.0, -2.0, 0.4];
+/// let changed = (0..60).find(|k| test.see(&Observed { value: value(*k), half: 0.2, excitation }));
+/// assert!((40..46).contains(&changed.expect("a change")));
+/// ```
 #[derive(Debug, Clone)]
-pub(super) struct ChangeTest {
+pub struct ChangeTest {
     /// N.
     least_evidence: f64,
     count: u32,
@@ -79,7 +98,8 @@ pub(super) struct ChangeTest {
 
 impl ChangeTest {
     /// A test with at least `values` values, in the mean, before a false alarm.
-    pub(super) fn new(values: f64) -> Self {
+    #[must_use]
+    pub fn new(values: f64) -> Self {
         let deviations = [SLOPE; COVARIATES].into_iter().chain([KIND; KINDS]);
         let variances = DVector::from_iterator(
             COEFFICIENTS,
@@ -99,17 +119,19 @@ impl ChangeTest {
     }
 
     /// Number of values since the start or the last change.
-    pub(super) const fn windows(&self) -> u32 {
+    #[must_use]
+    pub const fn windows(&self) -> u32 {
         self.count
     }
 
     /// True once the value has changed.
-    pub(super) const fn has_changed(&self) -> bool {
+    #[must_use]
+    pub const fn has_changed(&self) -> bool {
         self.has_changed
     }
 
     /// Takes the next value. True if it completes the evidence for a change.
-    pub(super) fn see(&mut self, observed: &Observed) -> bool {
+    pub fn see(&mut self, observed: &Observed) -> bool {
         let Observed { value, half, excitation } = *observed;
         let x = self.regressors(&excitation);
         if self.count == 0 {

@@ -10,6 +10,9 @@
 //! is. The derivative of the expected reading by a value is the difference of two residuals over the step between their models.
 //! `window.rs` turns a window of them into values with 95 % intervals, and `change.rs` compares the windows.
 //!
+//! It also estimates the ratio of the measured to the expected force, alone: the slope of a line through measured over expected force. It
+//! needs no effect, and shows a damper that fades without saying why.
+//!
 //! An interval contains chance alone. What the base of the model lacks moves a value as well, and differently for each excitation. The
 //! test for a change allows for that: it compares the values of windows with each other and not with the model, and a value may depend on
 //! the excitation, which `excitation.rs` describes.
@@ -25,7 +28,8 @@ use crate::inverse::{ControlLaw, Method};
 use crate::model::{Envelope, Model};
 use crate::pipeline::{Event, Models, Pipeline, Residual, Settings};
 use crate::sample::{Sample, Stamp};
-use change::{ChangeTest, Observed};
+pub use change::{ChangeTest, Observed};
+
 use excitation::{COVARIATES, Excitation};
 use std::collections::VecDeque;
 use window::{Found, Window};
@@ -75,16 +79,57 @@ impl Default for TrackingSettings {
     }
 }
 
-/// A value of an effect, from one window.
+/// What is estimated.
+///
+/// ```
+/// use mr_damper_model::effect::Effect;
+/// use mr_damper_model::tracking::Quantity;
+///
+/// assert_eq!(Quantity::ForceRatio.name(), "force_ratio");
+/// let lag = Quantity::Effect { effect: Effect::CoilLag, parameter: 0 };
+/// assert_eq!((lag.effect(), lag.name()), (Some(Effect::CoilLag), "tau_s"));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// The ratio of the measured to the expected force.
+    ForceRatio,
+    /// A value of an effect of the model.
+    Effect {
+        /// The effect.
+        effect: Effect,
+        /// Index among [`Effect::parameters`], which have the name and the unit.
+        parameter: usize,
+    },
+}
+
+impl Quantity {
+    /// The effect; `None` for the force ratio.
+    #[must_use]
+    pub const fn effect(self) -> Option<Effect> {
+        match self {
+            Self::ForceRatio => None,
+            Self::Effect { effect, .. } => Some(effect),
+        }
+    }
+
+    /// Name of the value: `force_ratio`, which has no unit, or the name of an effect's value, as in model files. It ends in the unit.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ForceRatio => "force_ratio",
+            Self::Effect { effect, parameter } => effect.parameters()[parameter].name,
+        }
+    }
+}
+
+/// A value, from one window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EffectValue {
     /// Stamp of the last residual of the window.
     pub stamp: Stamp,
-    /// The effect.
-    pub effect: Effect,
-    /// Index among [`Effect::parameters`], which have the name and the unit.
-    pub parameter: usize,
-    /// The value in the model, in the parameter's unit.
+    /// What the value is of.
+    pub quantity: Quantity,
+    /// The value in the model, in the parameter's unit; 1 for the force ratio.
     pub running: f64,
     /// The estimate, in the same unit; NaN if the window does not determine it. It may lie outside of the range that the effect allows, if the
     /// base does not fit.
@@ -93,22 +138,11 @@ pub struct EffectValue {
     pub ci95: [f64; 2],
     /// Number of windows that determined the value, this one included, since the model was loaded or the value changed.
     pub windows: u32,
+    /// Excitation of the window: the logarithms of the standard deviation of displacement (m) and of the effective velocity (m/s), and the
+    /// mean drive as a share of the largest one in the data of the model. NaN without motion.
+    pub excitation: [f64; COVARIATES],
     /// The value has changed since the model was loaded.
     pub changed: bool,
-}
-
-impl EffectValue {
-    /// Name of the value, as in model files. It ends in the unit.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        self.effect.parameters()[self.parameter].name
-    }
-
-    /// True if `other` is an estimate of the same value.
-    #[must_use]
-    pub fn same_value(&self, other: &Self) -> bool {
-        (self.effect, self.parameter) == (other.effect, other.parameter)
-    }
 }
 
 /// Estimates the values of a model's effects from the samples that a pipeline accepted.
@@ -132,8 +166,9 @@ impl EffectValue {
 /// for sample in run.samples() {
 ///     tracker.step(&sample, &mut |value| found.push(value));
 /// }
-/// let [value] = found[..] else { panic!("one window, one value") };
-/// assert_eq!((value.name(), value.running, value.changed), ("friction_n", 60.0, false));
+/// let [ratio, value] = found[..] else { panic!("one window") };
+/// assert_eq!(ratio.quantity.name(), "force_ratio");
+/// assert_eq!((value.quantity.name(), value.running, value.changed), ("friction_n", 60.0, false));
 /// // The friction also stands for what the base lacks.
 /// assert!(value.ci95[0] < value.value && value.value < value.ci95[1]);
 /// # Ok::<(), mr_damper_model::Error>(())
@@ -142,7 +177,9 @@ impl EffectValue {
 pub struct EffectTracker {
     /// Runs the model as it is.
     running: Replica,
-    values: Vec<Tracked>,
+    ratio: Tracked,
+    ratio_window: Window,
+    values: Vec<Moved>,
     window: Window,
     excitation: Excitation,
     last: Option<Stamp>,
@@ -156,15 +193,20 @@ struct Replica {
     residuals: VecDeque<Residual>,
 }
 
-/// A value, with the pipeline whose model has it moved.
+/// A value and the test whether it changes.
 #[derive(Debug)]
 struct Tracked {
-    effect: Effect,
-    parameter: usize,
+    quantity: Quantity,
     running: f64,
-    step: f64,
-    moved: Replica,
     test: ChangeTest,
+}
+
+/// A value of an effect, with the pipeline whose model has it moved.
+#[derive(Debug)]
+struct Moved {
+    value: Tracked,
+    step: f64,
+    replica: Replica,
 }
 
 impl Replica {
@@ -209,6 +251,7 @@ impl EffectTracker {
         let effects = model.effects.as_slice();
         let count: usize = effects.iter().map(|effect| effect.parameters().len()).sum();
         let windows = tracking.false_alarm_interval_s / tracking.window_s;
+        let test = || ChangeTest::new(windows * (1 + count) as f64);
         let mut values = Vec::with_capacity(count);
         for (at, effect) in effects.iter().enumerate() {
             for (parameter, &running) in effect.parameters().iter().enumerate() {
@@ -217,20 +260,20 @@ impl EffectTracker {
                 let mut all = effects.to_vec();
                 all[at] = EffectModel::new(effect.effect(), &parameters)?;
                 let moved = Effects::new(&all)?.with_terms(*model.effects.terms());
-                values.push(Tracked {
-                    effect: effect.effect(),
-                    parameter,
-                    running,
+                let quantity = Quantity::Effect { effect: effect.effect(), parameter };
+                values.push(Moved {
+                    value: Tracked { quantity, running, test: test() },
                     // The step as it was rounded.
                     step: parameters[parameter] - running,
-                    moved: Replica::new(Model { effects: moved, ..*model }, settings)?,
-                    test: ChangeTest::new(windows * count as f64),
+                    replica: Replica::new(Model { effects: moved, ..*model }, settings)?,
                 });
             }
         }
         let running = Replica::new(*model, settings)?;
         Ok(Self {
             running,
+            ratio: Tracked { quantity: Quantity::ForceRatio, running: 1.0, test: test() },
+            ratio_window: Window::new(1, tracking.window_s),
             values,
             window: Window::new(count, tracking.window_s),
             excitation: Excitation::new(model.envelope.drive.map(|[low, high]| low.abs().max(high.abs()))),
@@ -241,17 +284,16 @@ impl EffectTracker {
 
     /// Takes a sample that the running pipeline accepted. At the end of a window it reports each value through `emit`.
     pub fn step(&mut self, sample: &Sample, emit: &mut impl FnMut(EffectValue)) {
-        if self.values.is_empty() {
-            return;
-        }
         self.excitation.see(sample, self.gap_s);
         self.running.step(sample);
-        self.values.iter_mut().for_each(|value| value.moved.step(sample));
-        while let Some(Residual { stamp, residual, counts, .. }) = self.running.residuals.pop_front() {
+        self.values.iter_mut().for_each(|value| value.replica.step(sample));
+        while let Some(Residual { stamp, residual, predicted, counts, .. }) =
+            self.running.residuals.pop_front()
+        {
             let residual_n = residual.get();
             // The same measured force is in both residuals.
             let derivatives = self.values.iter_mut().map(|value| {
-                let moved_n = value.moved.at(stamp)?;
+                let moved_n = value.replica.at(stamp)?;
                 Some((residual_n - moved_n) / value.step)
             });
             let derivatives: Option<Vec<f64>> = derivatives.collect();
@@ -260,9 +302,14 @@ impl EffectTracker {
             else {
                 continue;
             };
-            if let Some(ended) = self.window.add(dt_s, &derivatives, residual_n) {
+            // Both windows end at the same sample.
+            let ratio = self.ratio_window.add(dt_s, &[predicted.get()], residual_n);
+            let ended = self.window.add(dt_s, &derivatives, residual_n);
+            if let Some((ratio, ended)) = ratio.zip(ended) {
                 let excitation = self.excitation.take();
-                for (value, found) in self.values.iter_mut().zip(ended) {
+                let all =
+                    std::iter::once(&mut self.ratio).chain(self.values.iter_mut().map(|it| &mut it.value));
+                for (value, found) in all.zip(ratio.into_iter().chain(ended)) {
                     emit(value.report(stamp, found, excitation));
                 }
             }
@@ -272,7 +319,7 @@ impl EffectTracker {
     /// Forgets all samples, as a reset of the running pipeline does. The values of past windows are kept for comparison.
     pub fn reset(&mut self) {
         self.running.reset();
-        self.values.iter_mut().for_each(|value| value.moved.reset());
+        self.values.iter_mut().for_each(|value| value.replica.reset());
         self.last = None;
     }
 
@@ -287,10 +334,10 @@ impl EffectTracker {
         tracking: &TrackingSettings,
     ) -> Result<Self, Error> {
         let mut moved = Self::new(model, settings, tracking)?;
-        for value in &mut moved.values {
-            let same = |old: &&Tracked| (old.effect, old.parameter) == (value.effect, value.parameter);
-            if let Some(old) = self.values.iter().find(same) {
-                value.test = old.test.clone();
+        moved.ratio.test = self.ratio.test.clone();
+        for Moved { value, .. } in &mut moved.values {
+            if let Some(old) = self.values.iter().find(|old| old.value.quantity == value.quantity) {
+                value.test = old.value.test.clone();
             }
         }
         Ok(moved)
@@ -315,12 +362,12 @@ impl Tracked {
         let ci95 = [value - half, value + half];
         EffectValue {
             stamp,
-            effect: self.effect,
-            parameter: self.parameter,
+            quantity: self.quantity,
             running: self.running,
             value,
             ci95,
             windows: self.test.windows(),
+            excitation: excitation.unwrap_or([f64::NAN; COVARIATES]),
             changed: self.test.has_changed(),
         }
     }

@@ -25,6 +25,17 @@ fn scaled(effect: &EffectModel, factor: f64) -> EffectModel {
 
 /// Values of the model `loaded` on a run of some windows whose reading is that of the first of `truths`, and then of the second.
 fn track(loaded: &Model, truths: [&Model; 2], windows: [u32; 2], seed: u64) -> Vec<EffectValue> {
+    track_times(1.0, loaded, truths, windows, seed)
+}
+
+/// The same, with a force that is `ratio` times as large.
+fn track_times(
+    ratio: f64,
+    loaded: &Model,
+    truths: [&Model; 2],
+    windows: [u32; 2],
+    seed: u64,
+) -> Vec<EffectValue> {
     let seconds = |windows: u32| WINDOW_S * f64::from(windows);
     let experiment = Experiment::thesis("RP-APRBS")
         .expect("an experiment")
@@ -38,7 +49,7 @@ fn track(loaded: &Model, truths: [&Model; 2], windows: [u32; 2], seed: u64) -> V
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let normal = Normal::standard();
     let mut noise_n = 0.0;
-    let mut values = Vec::new();
+    let mut values: Vec<EffectValue> = Vec::new();
     let mut emit = |value| values.push(value);
     let begin = run.samples().next().expect("samples").stamp;
     for sample in run.samples().filter(|sample| !matches!(sample.reading, Reading::Force(_))) {
@@ -58,11 +69,16 @@ fn track(loaded: &Model, truths: [&Model; 2], windows: [u32; 2], seed: u64) -> V
         let white = normal.inverse_cdf(random.random_range(1e-12..1.0));
         noise_n = 0.99 * noise_n + 2.0 * (1.0_f64 - 0.99 * 0.99).sqrt() * white;
         if let Some(expected) = truth.residuals.pop_back() {
-            let force = Reading::Force(Newton(20.0 + noise_n - expected.residual.get()));
+            let force = Reading::Force(Newton(20.0 + noise_n - ratio * expected.residual.get()));
             tracker.step(&Sample { reading: force, ..sample }, &mut emit);
         }
     }
     values
+}
+
+/// Those of effects.
+fn of_effects(found: &[EffectValue]) -> Vec<EffectValue> {
+    found.iter().copied().filter(|value| value.quantity.effect().is_some()).collect()
 }
 
 #[test]
@@ -70,7 +86,7 @@ fn the_values_of_each_effect_are_found() {
     for effect in Effect::ALL {
         let loaded = effect.example();
         let truth = scaled(&loaded, 0.95);
-        let found = track(&model(&[loaded]), [&model(&[truth]); 2], [1, 0], 7);
+        let found = of_effects(&track(&model(&[loaded]), [&model(&[truth]); 2], [1, 0], 7));
         assert_eq!(found.len(), effect.parameters().len(), "{effect:?}");
         for (value, truth) in found.iter().zip(truth.parameters()) {
             let half = 0.5 * (value.ci95[1] - value.ci95[0]);
@@ -87,10 +103,13 @@ fn the_values_of_each_effect_are_found() {
 fn intervals_contain_the_truth() {
     let model = model(&[Effect::CoilLag.example(), Effect::Friction.example()]);
     let found = track(&model, [&model; 2], [40, 0], 3);
+    assert!(found.iter().all(|value| !value.changed));
+    let ratios = found.iter().filter(|it| it.quantity == Quantity::ForceRatio);
+    assert!(ratios.filter(|it| (it.ci95[0]..=it.ci95[1]).contains(&1.0)).count() >= 35);
+    let found = of_effects(&found);
     let inside = found.iter().filter(|it| (it.ci95[0]..=it.ci95[1]).contains(&it.running)).count();
     assert_eq!(found.len(), 80);
     assert!((70..80).contains(&inside), "{inside} of 80");
-    assert!(found.iter().all(|value| !value.changed));
 }
 
 #[test]
@@ -100,11 +119,23 @@ fn a_change_is_found_and_no_other() {
     let slower = model(&[scaled(&lag, 1.2), friction]);
     let found = track(&healthy, [&healthy, &slower], [12, 4], 5);
     let [lags, frictions]: [Vec<&EffectValue>; 2] = [Effect::CoilLag, Effect::Friction]
-        .map(|effect| found.iter().filter(|it| it.effect == effect).collect());
+        .map(|effect| found.iter().filter(|it| it.quantity.effect() == Some(effect)).collect());
     assert!(frictions.iter().all(|value| !value.changed));
     let changed = lags.iter().position(|value| value.changed).expect("a change");
     assert!((12..16).contains(&changed), "window {changed}");
     assert!(lags[changed..].iter().all(|value| value.changed));
+}
+
+#[test]
+fn a_weaker_force_is_a_smaller_ratio() {
+    let none = model(&[]);
+    let found = track_times(0.93, &none, [&none; 2], [2, 0], 4);
+    assert_eq!(found.len(), 2);
+    for value in &found {
+        assert_eq!((value.quantity, value.running), (Quantity::ForceRatio, 1.0));
+        assert!((value.value - 0.93).abs() < 0.003 && value.ci95[1] - value.ci95[0] < 0.01, "{value:?}");
+        assert!(value.excitation.iter().all(|z| z.is_finite()));
+    }
 }
 
 #[test]
@@ -129,10 +160,8 @@ fn a_value_without_influence_is_not_determined() {
 }
 
 #[test]
-fn a_model_without_effects_has_no_values_and_wrong_settings_are_refused() {
-    let none = model(&[]);
-    assert_eq!(track(&none, [&none; 2], [1, 0], 1), []);
+fn wrong_settings_are_refused() {
     let short = TrackingSettings { window_s: 20.0, ..TrackingSettings::default() };
-    let error = EffectTracker::new(&none, &Settings::default(), &short).expect_err("too short");
+    let error = EffectTracker::new(&model(&[]), &Settings::default(), &short).expect_err("too short");
     assert_eq!(error.to_string(), "effects.window_s is 20, but must be between 48 and 86400 s");
 }

@@ -15,10 +15,10 @@ use crate::ros2::participant::{Output, Ros};
 use crate::settings::config::{Config, EffectSettings, RosArgs};
 use crate::settings::error::NodeError;
 use crate::watchdogs::diagnostics::{StatusContext, effect_status};
-use mr_damper_model::effect::{EffectModel, Effects};
+use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Cause, Event, Settings};
-use mr_damper_model::tracking::{EffectTracker, EffectValue};
+use mr_damper_model::tracking::{EffectTracker, EffectValue, Quantity};
 use mr_damper_msgs::standard::DiagnosticStatus;
 use std::sync::Arc;
 
@@ -64,9 +64,8 @@ impl EffectWatch {
     /// Follows the running model and the parameters. Call it about once per second: the tracker runs pipelines of its own, so it need not
     /// change at the same sample.
     pub fn refresh(&mut self, config: &Config) {
-        let model =
-            self.control.models().filter(|_| config.effects.track).map(|models| Box::new(models.free));
-        let Some(model) = model.filter(|model| !model.effects.as_slice().is_empty()) else {
+        let model = self.control.models().filter(|_| config.effects.track);
+        let Some(model) = model.map(|models| Box::new(models.free)) else {
             self.tracked = None;
             self.latest.clear();
             return;
@@ -126,15 +125,15 @@ impl EffectWatch {
             if let Err(error) = self.publisher.publish(message) {
                 tracing::warn!("cannot publish effect_values: {error}");
             }
-            let was_changed = self.latest.iter().any(|last| last.same_value(value) && last.changed);
+            let was_changed = self.latest.iter().any(|last| last.quantity == value.quantity && last.changed);
             if value.changed && !was_changed {
                 tracing::warn!(
-                    effect = value.effect.id(),
-                    parameter = value.name(),
+                    effect = value.quantity.effect().map(Effect::id),
+                    parameter = value.quantity.name(),
                     value = value.value,
                     running = value.running,
                     stamp_ns = value.stamp.nanos(),
-                    "the value of an effect has changed; compare it with a healthy damper, or diagnose the damper with close_loop"
+                    "the force or an effect has changed; compare it with a healthy damper, or diagnose the damper with close_loop"
                 );
             }
         }
@@ -168,12 +167,19 @@ fn adapted(model: &Model, loaded: &Effects, found: &[EffectValue], share: f64) -
     let mut effects = model.effects.as_slice().to_vec();
     for (effect, loaded) in effects.iter_mut().zip(loaded.as_slice()) {
         let mut values = effect.parameters().to_vec();
-        for estimate in found.iter().filter(|it| it.effect == effect.effect() && it.value.is_finite()) {
+        for estimate in found.iter().filter(|it| it.value.is_finite()) {
+            let Quantity::Effect { effect: of, parameter } = estimate.quantity else { continue };
+            if of != effect.effect() {
+                continue;
+            }
             let [low, high] = estimate.ci95;
-            let (value, loaded) = (&mut values[estimate.parameter], loaded.parameters()[estimate.parameter]);
+            let (value, loaded) = (&mut values[parameter], loaded.parameters()[parameter]);
             if !(low..=high).contains(value) {
                 let most = share * loaded.abs();
-                *value = (*value + GAIN * (estimate.value - *value)).clamp(loaded - most, loaded + most);
+                // The base may force an estimate out of the range of the effect.
+                let [least, largest] = of.parameters()[parameter].allowed();
+                let moved = *value + GAIN * (estimate.value - *value);
+                *value = moved.clamp(loaded - most, loaded + most).clamp(least, largest);
             }
         }
         // Values between two allowed ones are allowed.
@@ -186,14 +192,20 @@ fn adapted(model: &Model, loaded: &Effects, found: &[EffectValue], share: f64) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mr_damper_model::effect::Effect;
     use mr_damper_model::preset;
     use mr_damper_model::sample::Stamp;
 
     fn estimate(effect: Effect, value: f64, half: f64) -> EffectValue {
-        let ci95 = [value - half, value + half];
-        let stamp = Stamp::from_nanos(0);
-        EffectValue { stamp, effect, parameter: 0, running: 0.012, value, ci95, windows: 1, changed: false }
+        EffectValue {
+            stamp: Stamp::from_nanos(0),
+            quantity: Quantity::Effect { effect, parameter: 0 },
+            running: 0.012,
+            value,
+            ci95: [value - half, value + half],
+            windows: 1,
+            excitation: [-5.0, -2.0, 0.5],
+            changed: false,
+        }
     }
 
     #[test]

@@ -53,12 +53,14 @@ fn values_are_published_and_the_model_takes_them() {
     let options = PlaybackOptions { rate: Rate::Times(8.0), clock: true, ..PlaybackOptions::default() };
     player.play(&run(52.0, LAG_S, 2), &options, &mut Played::default(), &interrupt, None, &|_| {});
 
-    let mut found = None;
-    wait_until("a value", || {
-        found = values.take().expect("readable").map(|(value, _)| value);
-        found.is_some()
+    let mut found: Vec<EffectValue> = Vec::new();
+    wait_until("the values of a window", || {
+        found.extend(values.take().expect("readable").map(|(value, _)| value));
+        found.len() == 2
     });
-    let found = found.expect("a value");
+    let [ratio, found] = &found[..] else { unreachable!("two values") };
+    assert_eq!((&*ratio.effect, &*ratio.parameter, ratio.running), ("", "force_ratio", 1.0));
+    assert!((ratio.value - 1.0).abs() < 0.1, "{ratio:?}");
     assert_eq!((&*found.effect, &*found.form, &*found.parameter), ("coil_lag", "one_tau", "tau_s"));
     assert_eq!(
         (&*found.header.frame_id, found.running, found.window, found.windows),
@@ -88,10 +90,7 @@ fn values_are_published_and_the_model_takes_them() {
         status.is_some()
     });
     let status = status.expect("a status");
-    assert_eq!(
-        (&*status.message, &*status.values[0].key),
-        ("no effect has changed its value", "coil_lag.tau_s")
-    );
+    assert_eq!((&*status.message, &*status.values[3].key), ("no value has changed", "coil_lag.tau_s"));
     player.stop();
     drop((values, statuses));
     peer.stop();

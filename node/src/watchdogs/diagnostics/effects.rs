@@ -1,4 +1,4 @@
-//! Status of the values of the running model's effects.
+//! Status of the force ratio and of the values of the running model's effects.
 
 use super::{StatusContext, value};
 use mr_damper_model::tracking::EffectValue;
@@ -13,7 +13,7 @@ pub fn effect_status(latest: &[EffectValue], context: &StatusContext<'_>) -> Dia
             "no window is complete yet: it needs measured_force at the stamps of displacement, and motion";
         (DiagnosticStatus::STALE, message.to_owned())
     } else if changed.is_empty() {
-        (DiagnosticStatus::OK, "no effect has changed its value".to_owned())
+        (DiagnosticStatus::OK, "no value has changed".to_owned())
     } else {
         let names: Vec<String> = changed.iter().map(|it| key(it)).collect();
         let message = format!(
@@ -41,7 +41,8 @@ pub fn effect_status(latest: &[EffectValue], context: &StatusContext<'_>) -> Dia
 
 /// A value as in model files: the effect's id and the parameter's name.
 fn key(value: &EffectValue) -> String {
-    format!("{}.{}", value.effect.id(), value.name())
+    let name = value.quantity.name();
+    value.quantity.effect().map_or_else(|| name.to_owned(), |effect| format!("{}.{name}", effect.id()))
 }
 
 #[cfg(test)]
@@ -51,6 +52,7 @@ mod tests {
     use crate::estimation::wire::ModelNames;
     use mr_damper_model::effect::Effect;
     use mr_damper_model::sample::Stamp;
+    use mr_damper_model::tracking::Quantity;
 
     #[test]
     fn a_changed_value_is_a_warning() {
@@ -59,15 +61,15 @@ mod tests {
         let status = |latest: &[EffectValue]| effect_status(latest, &context);
         assert_eq!(status(&[]).level, DiagnosticStatus::STALE);
         let stamp = Stamp::from_nanos(1_700_000_000_250_000_000);
-        let (effect, ci95) = (Effect::CoilLag, [0.0142, 0.0144]);
+        let quantity = Quantity::Effect { effect: Effect::CoilLag, parameter: 0 };
         let lag = EffectValue {
             stamp,
-            effect,
-            parameter: 0,
+            quantity,
             running: 0.012,
             value: 0.0143,
-            ci95,
+            ci95: [0.0142, 0.0144],
             windows: 12,
+            excitation: [-5.0, -2.0, 0.5],
             changed: false,
         };
         assert_eq!(status(&[lag]).level, DiagnosticStatus::OK);

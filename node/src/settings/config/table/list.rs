@@ -164,7 +164,7 @@ const MAIN: [Parameter; 32] = [
     truth!(
         "effects.track",
         Running,
-        "true: estimate the values of the model's effects from measured force, publish them on effect_values after each window, and report a change",
+        "true: estimate the ratio of the measured to the expected force and the values of the model's effects, publish them on effect_values after each window, and report a change",
         effects.track
     ),
     double!(
