@@ -6,7 +6,7 @@ import re
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
-PAGES = [ROOT / "node/docs/guide/14-python.md", ROOT / "model/python/README.md"]
+PAGES = [ROOT / "node/docs/guide/14-python.md", ROOT / "node/docs/guide/17-fleets.md", ROOT / "model/python/README.md"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

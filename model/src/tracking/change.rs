@@ -130,9 +130,12 @@ impl ChangeTest {
         self.has_changed
     }
 
-    /// Takes the next value. True if it completes the evidence for a change.
+    /// Takes the next value. True if it completes the evidence for a change. A value whose numbers are not all finite is left out.
     pub fn see(&mut self, observed: &Observed) -> bool {
         let Observed { value, half, excitation } = *observed;
+        if ![value, half].iter().chain(&excitation).all(|number| number.is_finite()) {
+            return false;
+        }
         let x = self.regressors(&excitation);
         if self.count == 0 {
             // The first value determines the mean for its own kind of excitation.
@@ -193,6 +196,10 @@ impl ChangeTest {
 
     /// u of a scaled difference to the prediction; `None` if all values before were as predicted.
     fn normal(&self, difference: f64) -> Option<f64> {
+        // A comparison with NaN is false, too.
+        if !(self.squares > 0.0 && difference.is_finite()) {
+            return None;
+        }
         let degrees = f64::from(self.count) - 1.0;
         let t = difference / (self.squares / degrees).sqrt();
         let student = StudentsT::new(0.0, 1.0, degrees).ok()?;
@@ -269,6 +276,22 @@ mod tests {
                 [found_within(windows[0], excitation, step), found_within(windows[1], excitation, drift)];
             assert!(found.iter().all(|found| *found >= 90), "{found:?}");
         }
+    }
+
+    #[test]
+    fn equal_values_and_odd_numbers_are_no_change() {
+        let mut test = ChangeTest::new(100.0);
+        for value in [1.0, 1.0, 1.0, 1.0, 1.0, f64::MAX, 1.0] {
+            test.see(&Observed { value, half: 0.0, excitation: [0.0; COVARIATES] });
+        }
+        let mut test = ChangeTest::new(100.0);
+        for value in [1.0, 2.0, 1.0, 2.0, 1.0, f64::INFINITY, 1.0, f64::NAN, 2.0] {
+            assert!(!test.see(&Observed { value, half: f64::NAN, excitation: [f64::NAN, 0.0, 1e300] }));
+        }
+        assert_eq!(test.windows(), 0);
+        let observed = |value| Observed { value, half: 0.1, excitation: [-5.0, -2.0, 0.4] };
+        assert!([1.0, 2.0, 1.0, 2.0, 9.0].map(observed).iter().all(|it| !test.see(it)));
+        assert_eq!(test.windows(), 5);
     }
 
     #[test]

@@ -7,3 +7,4 @@ pub mod history;
 pub mod memory;
 pub(crate) mod mode_log;
 pub mod overseer;
+mod value_rows;

@@ -39,6 +39,7 @@ fn values_are_published_and_the_model_takes_them() {
         ("effects.track", Value::Bool(true)),
         ("effects.adapt", Value::Bool(true)),
         ("effects.window_s", Value::Double(48.0)),
+        ("effects.out", Value::Text(dir.path().display().to_string())),
     ] {
         config.set(name, &value).expect("in range");
     }
@@ -95,4 +96,9 @@ fn values_are_published_and_the_model_takes_them() {
     drop((values, statuses));
     peer.stop();
     service.stop().expect("no thread panicked");
+    // The rows of the hour that has begun.
+    let days = std::fs::read_dir(dir.path().join("values/damper=corner")).expect("a damper");
+    let files = days.flat_map(|day| std::fs::read_dir(day.expect("a day").path()).expect("a folder"));
+    let texts = files.map(|file| std::fs::read_to_string(file.expect("a file").path()).expect("a text"));
+    assert_eq!(texts.map(|text| text.lines().count() - 1).sum::<usize>(), 2);
 }

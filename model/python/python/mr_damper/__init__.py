@@ -16,7 +16,7 @@ from mr_damper._errors import Error, MrDamperWarning, NotFittedError, UsageError
 from mr_damper._functions import close, compare, evaluate, identify, simulate
 from mr_damper._model import DamperModel, Step
 from mr_damper._native import Run
-from mr_damper._results import Closing, Comparison, Evaluation, FitResult, Prediction, Record
+from mr_damper._results import Closing, Comparison, EffectValues, Evaluation, FitResult, Prediction, Record
 from mr_damper._runs import read_run, read_runs
 
 __version__: str = _native.__version__
@@ -25,6 +25,7 @@ __all__ = [
     "Closing",
     "Comparison",
     "DamperModel",
+    "EffectValues",
     "Error",
     "Evaluation",
     "FitResult",

@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Un
 from mr_damper import _native
 from mr_damper._errors import Error, NotFittedError, UsageError, warn
 from mr_damper._options import LOAD_OPTIONS, words, without_load
-from mr_damper._results import Evaluation, FitResult, Prediction
+from mr_damper._results import EffectValues, Evaluation, FitResult, Prediction
 from mr_damper._runs import read_runs
 
 Progress = Union[bool, Callable[[str, int, int], None], None]
@@ -228,6 +228,15 @@ class DamperModel:
             )
         column = "simulation_n" if steps_ahead is None else "one_step_n"
         return self._each(run, lambda one: getattr(Prediction(model.predict(one)), column))
+
+    def effect_values(self, runs: Any, *, window: float = 60.0) -> EffectValues:
+        """The ratio of measured to expected force, and the values of the model's effects, over time: what a node with ``effects.track`` publishes.
+
+        Args:
+            runs: runs of one damper with measured force. They share windows, in the order of their times.
+            window: length of a window, s, at least 48. Time without a residual does not count.
+        """
+        return EffectValues(self._fitted().effect_values(self._runs(runs, "runs"), float(window)))
 
     def evaluate(self, runs: Any) -> Evaluation:
         """The errors on runs with measured force; see :func:`mr_damper.evaluate`."""

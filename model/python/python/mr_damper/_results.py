@@ -178,7 +178,37 @@ class Comparison(_Reported):
         return frame_of_rows(_choice(self._data, table, tables), library)
 
 
-class Prediction:
+class Columns:
+    """A table with a column for each attribute."""
+
+    #: The columns with stamps in nanoseconds, with numbers, and the others.
+    TIMES: Tuple[str, ...] = ("time_ns",)
+    NUMBERS: Tuple[str, ...] = ()
+    TEXTS: Tuple[str, ...] = ()
+
+    time_ns: Any
+
+    def __init__(self, columns: Dict[str, Any]) -> None:
+        for name in self.TIMES:
+            setattr(self, name, ints(columns[name]))
+        for name in self.NUMBERS:
+            setattr(self, name, floats(columns[name]))
+        for name in self.TEXTS:
+            setattr(self, name, columns[name])
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    def to_dict(self) -> Dict[str, Any]:
+        """The columns by name."""
+        return {name: getattr(self, name) for name in (*self.TIMES, *self.NUMBERS, *self.TEXTS)}
+
+    def to_frame(self, library: Optional[str] = None) -> Any:
+        """The columns as a data frame."""
+        return frame(self.to_dict(), library)
+
+
+class Prediction(Columns):
     """Forces of a model at each displacement of a run, as ``mr-damper predict`` writes them.
 
     Attributes (one value for each displacement; NaN where a value does not exist):
@@ -192,12 +222,9 @@ class Prediction:
         band_calibrated, mode, validity, reasons: lists of bool and str.
     """
 
-    #: The columns with numbers.
     NUMBERS = ("estimate_n", "simulation_n", "one_step_n", "band_low_n", "band_high_n", "measured_n", "residual_n")
-    #: The other columns.
     TEXTS = ("band_calibrated", "mode", "validity", "reasons")
 
-    time_ns: Any
     estimate_n: Any
     simulation_n: Any
     one_step_n: Any
@@ -210,26 +237,40 @@ class Prediction:
     validity: List[str]
     reasons: List[str]
 
-    def __init__(self, columns: Dict[str, Any]) -> None:
-        self.time_ns = ints(columns["time_ns"])
-        for name in self.NUMBERS:
-            setattr(self, name, floats(columns[name]))
-        for name in self.TEXTS:
-            setattr(self, name, columns[name])
-
-    def __len__(self) -> int:
-        return len(self.mode)
-
     def __repr__(self) -> str:
         return f"Prediction({len(self)} displacements)"
 
-    def to_dict(self) -> Dict[str, Any]:
-        """The columns by name."""
-        return {name: getattr(self, name) for name in ("time_ns", *self.NUMBERS, *self.TEXTS)}
 
-    def to_frame(self, library: Optional[str] = None) -> Any:
-        """The columns as a data frame."""
-        return frame(self.to_dict(), library)
+class EffectValues(Columns):
+    """Values of a model's effects over time, one row for each window and value.
+
+    Attributes (NaN where the window does not determine a value):
+        time_ns: stamp of the last sample of the window in nanoseconds (int64).
+        effect, form, parameter: lists of str. The ratio of measured to expected force has an empty effect and the parameter ``force_ratio``;
+            other names are those of model files and end in the unit.
+        running: the value in the model; 1 for the ratio.
+        value: the estimate.
+        low, high: its 95 % interval, which contains chance alone.
+        displacement_std_m, velocity_rms_m_s, drive_share: excitation of the window: standard deviation of displacement, m; effective
+            velocity, m/s; mean drive as a share of the largest one in the data of the model.
+    """
+
+    NUMBERS = ("running", "value", "low", "high", "displacement_std_m", "velocity_rms_m_s", "drive_share")
+    TEXTS = ("effect", "form", "parameter")
+
+    effect: List[str]
+    form: List[str]
+    parameter: List[str]
+    running: Any
+    value: Any
+    low: Any
+    high: Any
+    displacement_std_m: Any
+    velocity_rms_m_s: Any
+    drive_share: Any
+
+    def __repr__(self) -> str:
+        return f"EffectValues({len(self)} values)"
 
 
 def frame(columns: Dict[str, Any], library: Optional[str] = None) -> Any:

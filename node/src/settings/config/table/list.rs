@@ -35,7 +35,7 @@ const NODE: [Parameter; 3] = [
     },
 ];
 
-const MAIN: [Parameter; 32] = [
+const MAIN: [Parameter; 33] = [
     list!(
         "dampers",
         "names of several dampers; each is a node in its own namespace, with parameters below its name (front_left.model); empty: the node itself is the damper",
@@ -193,6 +193,13 @@ const MAIN: [Parameter; 32] = [
         Running,
         "largest difference of an adapted value to the value in the model file, as a share of the latter",
         effects.adapt_share
+    ),
+    text!(
+        "effects.out",
+        ParameterKind::Text,
+        Running,
+        "folder in which the values of effects are also kept, a CSV file an hour, in the layout of the Python module mr_damper.fleet; empty: nowhere",
+        effects_out
     ),
     text!(
         "close_loop.out",

@@ -1,0 +1,425 @@
+"""The work on a fleet: tasks, and what a worker does with one."""
+
+import datetime
+import hashlib
+import itertools
+import json
+import os
+import sys
+import time
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+
+from mr_damper import _native
+from mr_damper._errors import Error, UsageError
+from mr_damper._functions import close as close_one
+from mr_damper._model import DamperModel
+from mr_damper._options import LOAD_OPTIONS
+from mr_damper._runs import read_run
+from mr_damper.fleet import _engine, _store
+from mr_damper.fleet._recordings import Recording
+
+ModelLike = Union[DamperModel, str, "os.PathLike[str]"]
+Progress = Union[bool, Callable[[int, int], None], None]
+Rows = Dict[str, List[Dict[str, Any]]]
+
+#: Time by which the velocity of a region is taken to each side, s.
+_SIDE_S = 0.01
+
+
+class Failure(NamedTuple):
+    """A task that failed. The next call tries it again."""
+
+    damper: str
+    day: datetime.date
+    code: str
+    """Kind of the error: :attr:`mr_damper.Error.code`, or the name of another exception."""
+    message: str
+
+
+class Outcome(NamedTuple):
+    """What a call did."""
+
+    done: int
+    """Tasks that were done."""
+    kept: int
+    """Tasks whose results were there already."""
+    failures: List[Failure]
+    """Tasks that failed; their old results are gone or stay as they were."""
+
+    def __repr__(self) -> str:
+        return f"Outcome(done={self.done}, kept={self.kept}, failures={len(self.failures)})"
+
+
+class _Task(NamedTuple):
+    kind: str
+    damper: str
+    day: datetime.date
+    paths: Tuple[str, ...]
+    model_toml: Optional[str]
+    options: Dict[str, Any]
+    out: str
+    key: str
+
+
+def evaluate(
+    recordings: Iterable[Recording],
+    model: Union[ModelLike, Mapping[str, ModelLike]],
+    out: Union[str, "os.PathLike[str]"],
+    *,
+    velocities: Sequence[float] = (-0.15, -0.05, 0.05, 0.15),
+    drives: Sequence[float] = (0.5, 1.0, 1.5, 2.0),
+    engine: Any = None,
+    retries: int = 2,
+    progress: Progress = None,
+    **options: Any,
+) -> Outcome:
+    """The errors of a model on each recording, and the residual by region of velocity and drive: tables ``runs`` and ``residuals``.
+
+    Args:
+        recordings: see :func:`find`. There is one task for each damper and day.
+        model: a :class:`~mr_damper.DamperModel`, a model file or a preset; or a dict of them by damper.
+        out: folder of the results; all workers must reach it under this path.
+        velocities: borders of the regions of velocity, m/s, in ascending order.
+        drives: borders of the regions of the drive, A or V.
+        engine: a ``dask.distributed.Client``, the module ``ray``, an executor of ``concurrent.futures``, or ``None`` for this process.
+        retries: how often Dask or Ray repeats a task that fails for another reason than its data.
+        progress: ``True`` writes progress to stderr; a function receives the number of tasks done and of all tasks.
+        options: how recordings are read; see :func:`mr_damper.read_runs`.
+    """
+    options = {"velocities": list(velocities), "drives": list(drives), "load": _load(options)}
+    return _run("evaluate", _by_day(recordings), model, out, options, engine, retries, progress)
+
+
+def effect_values(
+    recordings: Iterable[Recording],
+    model: Union[ModelLike, Mapping[str, ModelLike]],
+    out: Union[str, "os.PathLike[str]"],
+    *,
+    window: float = 60.0,
+    engine: Any = None,
+    retries: int = 2,
+    progress: Progress = None,
+    **options: Any,
+) -> Outcome:
+    """The ratio of measured to expected force and the values of the model's effects over time: table ``values``.
+
+    The rows are those of :meth:`mr_damper.DamperModel.effect_values`: one for each window and value. The recordings of a day share windows.
+
+    Args:
+        window: length of a window, s, at least 48.
+        recordings, model, out, engine, retries, progress, options: as in :func:`evaluate`.
+    """
+    return _run("effect_values", _by_day(recordings), model, out, {"window": window, "load": _load(options)}, engine, retries, progress)
+
+
+def identify(
+    recordings: Iterable[Recording],
+    model: str = "fuzzy-tanh",
+    *,
+    out: Union[str, "os.PathLike[str]"],
+    validate: float = 0.25,
+    engine: Any = None,
+    retries: int = 2,
+    progress: Progress = None,
+    **options: Any,
+) -> Outcome:
+    """A model for each damper: tables ``models`` (errors, and the model file as text) and ``coefficients``.
+
+    Args:
+        recordings: see :func:`find`. There is one task for each damper; its results have the day of its last recording.
+        model: structure, as in :class:`mr_damper.DamperModel`.
+        validate: share of a damper's recordings, the last ones, that is not fitted; 0 for none.
+        out, engine, retries, progress: as in :func:`evaluate`.
+        options: those of :class:`mr_damper.DamperModel`.
+    """
+    DamperModel(model, **options)
+    options = {"options": {"model": model, **options}, "validate": validate}
+    return _run("identify", _by_damper(recordings), None, out, options, engine, retries, progress)
+
+
+def close(
+    recordings: Iterable[Recording],
+    base: Union[ModelLike, Mapping[str, ModelLike], None] = None,
+    *,
+    out: Union[str, "os.PathLike[str]"],
+    split: Tuple[float, float] = (0.5, 0.25),
+    engine: Any = None,
+    retries: int = 2,
+    progress: Progress = None,
+    **options: Any,
+) -> Outcome:
+    """The physical effects that the model of each damper lacks: table ``diagnoses``, one row for each value of an effect.
+
+    A damper without an effect has one row, with the verdict and the text of the diagnosis.
+
+    Args:
+        recordings: see :func:`find`. There is one task for each damper, which needs three recordings or more.
+        base: the model of the damper; by default the diagnosis chooses the structure.
+        split: shares of a damper's recordings, in time order, on which effects are searched and validated. The rest is read once, at the end.
+        out, engine, retries, progress: as in :func:`evaluate`.
+        options: those of :func:`mr_damper.close`.
+    """
+    load = {name: options.pop(name) for name in LOAD_OPTIONS if name in options}
+    given = {"split": list(split), "options": options, "load": load}
+    return _run("close", _by_damper(recordings), base, out, given, engine, retries, progress)
+
+
+# Planning
+
+
+def _load(options: Dict[str, Any]) -> Dict[str, Any]:
+    if unknown := set(options) - set(LOAD_OPTIONS):
+        raise TypeError(f"unknown options: {', '.join(sorted(unknown))}; known are {', '.join(LOAD_OPTIONS)}")
+    return options
+
+
+def _by_day(recordings: Iterable[Recording]) -> List[List[Recording]]:
+    return [list(group) for _, group in itertools.groupby(sorted(recordings), key=lambda it: it[:2])]
+
+
+def _by_damper(recordings: Iterable[Recording]) -> List[List[Recording]]:
+    return [list(group) for _, group in itertools.groupby(sorted(recordings), key=lambda it: it.damper)]
+
+
+def _run(
+    kind: str,
+    groups: List[List[Recording]],
+    model: Any,
+    out: Union[str, "os.PathLike[str]"],
+    options: Dict[str, Any],
+    engine: Any,
+    retries: int,
+    progress: Progress,
+) -> Outcome:
+    if not groups:
+        raise UsageError("recordings is empty; see mr_damper.fleet.find", "usage", {"name": "recordings"})
+    _store.arrow()
+    out = os.path.abspath(out)
+    for table in TABLES_OF[kind]:
+        _store.remove_parts(out, table)
+    texts: Dict[int, str] = {}
+    waiting, kept = [], 0
+    for group in groups:
+        task = _task(kind, group, _text_of(model, group[0].damper, texts), options, out)
+        # A task writes its tables in order, so the last one says that all are there.
+        if _store.is_made(_store.file_of(out, TABLES_OF[kind][-1], task.damper, task.day), task.key):
+            kept += 1
+        else:
+            waiting.append(task)
+    show = _shown(progress)
+    failures, done = [], 0
+    for task, result in _engine.results(engine, _work, waiting, retries):
+        done += 1
+        if isinstance(result, BaseException):
+            code = result.code if isinstance(result, Error) else type(result).__name__
+            failures.append(Failure(task.damper, task.day, code, str(result)))
+        elif result is not None:
+            failures.append(Failure(task.damper, task.day, *result))
+        show(done, len(waiting))
+    return Outcome(done - len(failures), kept, sorted(failures))
+
+
+def _task(kind: str, group: List[Recording], model_toml: Optional[str], options: Dict[str, Any], out: str) -> _Task:
+    sources = []
+    for recording in group:
+        try:
+            stat = os.stat(recording.path)
+        except OSError as error:
+            raise Error(f"{recording.path}: {error.strerror}; is the recording still there?", "io", {"file": recording.path}) from None
+        sources.append([recording.path, stat.st_size, stat.st_mtime_ns])
+    made_from = [_native.__version__, kind, model_toml, options, sources]
+    key = hashlib.sha256(json.dumps(made_from, sort_keys=True, default=str).encode()).hexdigest()
+    damper, day = group[-1].damper, group[-1].day
+    return _Task(kind, damper, day, tuple(recording.path for recording in group), model_toml, options, out, key)
+
+
+def _text_of(model: Any, damper: str, texts: Dict[int, str]) -> Optional[str]:
+    """The text of the damper's model; ``texts`` keeps those that were read."""
+    if isinstance(model, Mapping):
+        if damper not in model:
+            raise UsageError(f"model has no damper {damper!r}", "usage", {"name": "model", "damper": damper})
+        model = model[damper]
+    if model is None:
+        return None
+    if id(model) not in texts:
+        texts[id(model)] = (model if isinstance(model, DamperModel) else DamperModel.load(model))._fitted().to_toml()
+    return texts[id(model)]
+
+
+def _shown(progress: Progress) -> Callable[[int, int], None]:
+    if callable(progress):
+        return progress
+    if not progress:
+        return lambda done, of: None
+    last = [0.0]
+
+    def write(done: int, of: int) -> None:
+        if done == of or time.monotonic() - last[0] > 1.0:
+            last[0] = time.monotonic()
+            sys.stderr.write(f"\r{done} of {of} tasks" + ("\n" if done == of else ""))
+            sys.stderr.flush()
+
+    return write
+
+
+# Work
+
+
+def _work(task: _Task) -> Optional[Tuple[str, str]]:
+    """Runs a task and writes its tables. Returns code and message of an error of its data, which no repetition would mend."""
+    try:
+        tables = _KINDS[task.kind](task)
+    except Error as error:
+        return error.code, str(error)
+    for table in TABLES_OF[task.kind]:
+        _store.write(_store.file_of(task.out, table, task.damper, task.day), table, tables[table], task.key)
+    return None
+
+
+def _model_of(task: _Task) -> DamperModel:
+    assert task.model_toml is not None
+    return DamperModel._of(_native.Model.from_toml(task.model_toml))
+
+
+def _evaluate(task: _Task) -> Rows:
+    model, load = _model_of(task), task.options["load"]
+    rows, regions = [], []
+    for path in task.paths:
+        run = read_run(path, **load)
+        [figures] = model.evaluate(run).to_dict()["runs"]
+        if figures["free_run"] is None:
+            raise Error(f"{path}: no sample has a measured force and a simulated one", "no_force", {"file": path})
+        rows.append(
+            {
+                "run": path,
+                "sha256": run.sha256,
+                "time": _begin_ns(run),
+                "duration_s": run.duration_s,
+                "samples": figures["free_run"]["samples"],
+                "rmse_n": figures["free_run"]["rsse_n"],
+                "nmse": figures["free_run"]["esr"],
+                "one_step_rmse_n": (figures["one_step"] or {}).get("rsse_n"),
+                "persistence_rmse_n": (figures["persistence"] or {}).get("rsse_n"),
+                "offset_n": figures["offset_n"],
+                "refused": figures["refused"],
+            }
+        )
+        regions.extend({"run": path, **region} for region in _regions(run, model.predictions(run), task.options))
+    return {"runs": rows, "residuals": regions}
+
+
+def _begin_ns(run: "_native.Run") -> int:
+    return int.from_bytes(run.traces()["displacement_m"][0][:8], sys.byteorder, signed=True)
+
+
+def _regions(run: "_native.Run", predictions: Any, options: Dict[str, Any]) -> List[Dict[str, Any]]:
+    """The residual in each region of velocity and drive that has samples."""
+    import numpy as np
+
+    traces = {name: (np.frombuffer(at, "i8"), np.frombuffer(values, "f8")) for name, (at, values) in run.traces().items()}
+    begin = predictions.time_ns[0]
+    at_s = (predictions.time_ns - begin) * 1e-9
+    stamps, displacement_m = traces["displacement_m"]
+    moved_m = [np.interp(at_s + side, (stamps - begin) * 1e-9, displacement_m) for side in (-_SIDE_S, _SIDE_S)]
+    velocity_m_s = (moved_m[1] - moved_m[0]) / (2.0 * _SIDE_S)
+    drive = np.zeros_like(at_s)
+    if run.drive is not None:
+        held, values = traces[run.drive]
+        drive = values[np.clip(np.searchsorted(held, predictions.time_ns, side="right") - 1, 0, None)]
+    known = np.isfinite(predictions.residual_n)
+    edges = [np.array([-np.inf, *options[name], np.inf]) for name in ("velocities", "drives")]
+    places = [np.digitize(values[known], edge[1:-1]) for values, edge in zip((velocity_m_s, drive), edges)]
+    residual_n, width = predictions.residual_n[known], len(edges[1]) - 1
+    region = places[0] * width + places[1]
+    size = (len(edges[0]) - 1) * width
+    counts, sums, squares = (np.bincount(region, weights, size) for weights in (None, residual_n, residual_n**2))
+    return [
+        {
+            "velocity_from_m_s": edges[0][at // width],
+            "velocity_to_m_s": edges[0][at // width + 1],
+            "drive_from": edges[1][at % width],
+            "drive_to": edges[1][at % width + 1],
+            "samples": int(counts[at]),
+            "mean_n": sums[at] / counts[at],
+            "rmse_n": (squares[at] / counts[at]) ** 0.5,
+        }
+        for at in np.flatnonzero(counts)
+    ]
+
+
+def _effect_values(task: _Task) -> Rows:
+    model, options = _model_of(task), task.options
+    runs = [read_run(path, **options["load"]) for path in task.paths]
+    values = model.effect_values(runs, window=options["window"]).to_dict()
+    values["time"] = values.pop("time_ns")
+    names = list(values)
+    rows = [dict(zip(names, row)) for row in zip(*(_plain(values[name]) for name in names))]
+    return {"values": [{**row, "window_s": options["window"]} for row in rows]}
+
+
+def _plain(column: Any) -> List[Any]:
+    """The column as a list, in which a value that does not exist is ``None``."""
+    return [None if isinstance(value, float) and value != value else value for value in (column if isinstance(column, list) else column.tolist())]
+
+
+def _identify(task: _Task) -> Rows:
+    options = dict(task.options["options"])
+    count = len(task.paths)
+    held_out = min(round(task.options["validate"] * count), count - 1)
+    training, validation = task.paths[: count - held_out], task.paths[count - held_out :]
+    model = DamperModel(**options).fit(list(training), validate=list(validation) or None)
+    result = model.result_.to_dict()  # type: ignore[union-attr]
+    row: Dict[str, Any] = {"model": model.model, "training_runs": len(training), "validation_runs": held_out}
+    for role in ("training", "validation"):
+        figures = (result[role] or {}).get("free_run") or {}
+        row[f"{role}_rmse_n"], row[f"{role}_nmse"] = figures.get("rsse_n"), figures.get("esr")
+    row["model_toml"] = model._fitted().to_toml()
+    names = [name for name, _, _ in _store.TABLES["coefficients"]]
+    return {"coefficients": [{name: each.get(name) for name in names} for each in result["estimates"]], "models": [row]}
+
+
+def _close(task: _Task) -> Rows:
+    count = len(task.paths)
+    if count < 3:
+        raise Error(
+            f"{task.damper} has {count} recordings, but a diagnosis needs three: to search effects, to validate them, and to test",
+            "too_few_recordings",
+            {"damper": task.damper, "recordings": count},
+        )
+    ends = [round(share * count) for share in itertools.accumulate(task.options["split"])]
+    first = min(max(ends[0], 1), count - 2)
+    second = min(max(ends[1], first + 1), count - 1)
+    runs = [read_run(path, **task.options["load"]) for path in task.paths]
+    base = "auto" if task.model_toml is None else _model_of(task)
+    found = close_one(base, estimate=runs[:first], confirm=runs[first:second], test=runs[second:], **task.options["options"])
+    data = found.to_dict()
+    error = data["test"] or {}
+    common = {
+        "verdict": data["verdict"],
+        "test_runs": count - second,
+        "before_rmse_n": (error.get("before") or {}).get("rsse_n"),
+        "after_rmse_n": (error.get("after") or {}).get("rsse_n"),
+        "text": str(found),
+        "model_toml": None if found.model is None else found.model._fitted().to_toml(),
+    }
+    rows = []
+    for each in [*data["effects"], *({"id": "term", **term} for term in data["terms"])]:
+        for name, value in each["parameters"].items():
+            low, high = each["ci95"].get(name, (None, None))
+            rows.append({**common, "effect": each["id"], "parameter": name, "value": value, "low": low, "high": high})
+    return {"diagnoses": rows or [common]}
+
+
+#: Tables of each kind of work, in the order in which they are written.
+TABLES_OF = {
+    "evaluate": ["residuals", "runs"],
+    "effect_values": ["values"],
+    "identify": ["coefficients", "models"],
+    "close": ["diagnoses"],
+}
+_KINDS: Dict[str, Callable[[_Task], Rows]] = {
+    "evaluate": _evaluate,
+    "effect_values": _effect_values,
+    "identify": _identify,
+    "close": _close,
+}

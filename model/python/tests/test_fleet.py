@@ -1,0 +1,239 @@
+"""Fleets: recordings, tasks on each engine, workers that die, results on disk, and ageing."""
+
+import concurrent.futures
+import datetime
+import json
+import multiprocessing
+import os
+import pathlib
+import signal
+
+import duckdb
+import numpy as np
+import pytest
+import scipy.stats
+
+import mr_damper
+from mr_damper import fleet
+from mr_damper.fleet import _ageing, _store, _tasks
+
+PATTERN = r"(?P<damper>[^/]+)/(?P<day>\d{8})"
+BEGIN = datetime.date(2026, 11, 1)
+MODEL = "thesis/fuzzy-tanh/rp3-cs"
+
+
+def record(folder, dampers, days, duration, fade=None):
+    """Writes a recording a day of dampers whose force is the model's; ``fade`` gives the ratio of a damper's force on a day."""
+    model = mr_damper.DamperModel.load(MODEL)
+    for number in range(dampers):
+        for day in range(days):
+            [run] = mr_damper.simulate("RP-APRBS", replicates=1, duration=duration, seed=1000 * number + day)
+            traces = {name: (np.frombuffer(at, "i8"), np.frombuffer(values, "f8")) for name, (at, values) in run.traces().items()}
+            stamps, displacement_m = traces["displacement_m"]
+            noise_n = np.random.default_rng([number, day]).normal(0.0, 3.0, len(stamps))
+            force_n = np.nan_to_num(model.predict(run)) * (fade(number, day) if fade else 1.0) + noise_n
+            begin = datetime.datetime.combine(BEGIN + datetime.timedelta(days=day), datetime.time(8), datetime.timezone.utc)
+            shift_ns = int(begin.timestamp()) * 10**9 - int(stamps[0])
+            table = {
+                "time_ns": stamps + shift_ns,
+                "displacement_m": displacement_m,
+                "current_a": traces["current_a"][1],
+                "force_n": force_n,
+            }
+            where = folder / f"damper {number}"
+            where.mkdir(parents=True, exist_ok=True)
+            mr_damper.read_run(table, map={"time": "time_ns,unit=ns"}).save(where / f"{begin:%Y%m%d}.csv")
+    return fleet.find(folder, PATTERN)
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """Three recordings of four dampers."""
+    return record(tmp_path_factory.mktemp("recordings"), dampers=4, days=3, duration=6)
+
+
+def test_recordings_are_found_by_their_paths(recordings, tmp_path):
+    assert len(recordings) == 12
+    assert recordings[0][:2] == ("damper 0", BEGIN)
+    (tmp_path / "one.csv").write_text("time_s\n")
+    with pytest.raises(mr_damper.Error, match="no recording matches .*: it does not match one.csv"):
+        fleet.find(tmp_path, PATTERN)
+    with pytest.raises(mr_damper.UsageError, match="no group 'day'"):
+        fleet.find(tmp_path, r"(?P<damper>\w+)")
+    with pytest.raises(mr_damper.UsageError, match="'one' is no date"):
+        fleet.find(tmp_path, r"(?P<damper>.)?(?P<day>one)")
+
+
+def test_errors_are_those_of_the_library_and_are_kept(recordings, tmp_path):
+    outcome = fleet.evaluate(recordings, MODEL, tmp_path)
+    assert outcome == (12, 0, [])
+    runs = fleet.read(tmp_path, "runs")
+    assert runs.column_names[:3] == ["damper", "day", "run"]
+    assert runs["damper"].to_pylist() == [recording.damper for recording in recordings]
+    expected = mr_damper.evaluate(MODEL, recordings[0].path).runs[0]
+    first = runs.to_pylist()[0]
+    assert (first["rmse_n"], first["nmse"], first["samples"]) == (expected.free_run.rsse_n, expected.free_run.esr, expected.free_run.samples)
+    assert first["time"].isoformat() == "2026-11-01T08:00:00+00:00"
+    # The regions hold each residual once.
+    regions = fleet.read(tmp_path, "residuals").to_pylist()
+    of_first = [row for row in regions if row["run"] == recordings[0].path]
+    predicted = mr_damper.DamperModel.load(MODEL).predictions(recordings[0].path)
+    residual_n = predicted.residual_n[np.isfinite(predicted.residual_n)]
+    assert sum(row["samples"] for row in of_first) == len(residual_n)
+    assert sum(row["samples"] * row["rmse_n"] ** 2 for row in of_first) == pytest.approx(float(residual_n @ residual_n))
+    # Nothing is done twice, and a changed recording is done again.
+    assert fleet.evaluate(recordings, MODEL, tmp_path) == (0, 12, [])
+    os.utime(recordings[5].path, (1, 1))
+    assert fleet.evaluate(recordings, MODEL, tmp_path) == (1, 11, [])
+    assert fleet.evaluate(recordings, MODEL, tmp_path, drives=(1.0,)) == (12, 0, [])
+    assert len(fleet.read(tmp_path, "runs")) == 12
+
+
+def test_other_tools_read_the_results(recordings, tmp_path):
+    fleet.evaluate(recordings, MODEL, tmp_path)
+    query = f"select damper, count(*), min(day) from read_parquet('{tmp_path}/runs/*/*/*.parquet', hive_partitioning=true) group by damper order by damper"
+    assert duckdb.sql(query).fetchall()[0] == ("damper 0", 3, BEGIN)
+    part = next((tmp_path / "runs").glob("*/*/*.parquet"))
+    field = _store.arrow().parquet.read_schema(part).field("rmse_n")
+    assert field.metadata == {b"unit": b"N"}
+
+
+def test_a_recording_that_cannot_be_read_is_a_failure_and_the_rest_is_done(recordings, tmp_path):
+    broken = tmp_path / "damper 9" / "20261101.csv"
+    broken.parent.mkdir()
+    broken.write_text("time_s,displacement_m,force_n\n0,0,x\n")
+    both = [*recordings[:3], *fleet.find(tmp_path, PATTERN)]
+    done, kept, failures = fleet.evaluate(both, MODEL, tmp_path / "out")
+    assert (done, kept, len(failures)) == (3, 0, 1)
+    assert (failures[0].damper, failures[0].code) == ("damper 9", "cell")
+    assert "20261101.csv" in failures[0].message
+    # It is tried again.
+    assert fleet.evaluate(both, MODEL, tmp_path / "out")[:2] == (0, 3)
+
+
+def test_wrong_arguments_say_what_to_do(recordings, tmp_path):
+    with pytest.raises(mr_damper.UsageError, match="give a dask.distributed.Client"):
+        fleet.evaluate(recordings, MODEL, tmp_path, engine="dask")
+    with pytest.raises(mr_damper.UsageError, match="model has no damper 'damper 1'"):
+        fleet.evaluate(recordings, {"damper 0": MODEL}, tmp_path)
+    with pytest.raises(TypeError, match="unknown options: colour"):
+        fleet.evaluate(recordings, MODEL, tmp_path, colour=1)
+    with pytest.raises(mr_damper.UsageError, match="recordings is empty"):
+        fleet.evaluate([], MODEL, tmp_path)
+    with pytest.raises(mr_damper.Error, match="has no results"):
+        fleet.read(tmp_path, "runs")
+    gone = fleet.Recording("a", BEGIN, str(tmp_path / "gone.csv"))
+    with pytest.raises(mr_damper.Error, match="is the recording still there"):
+        fleet.evaluate([gone], MODEL, tmp_path)
+
+
+def test_models_and_diagnoses_of_each_damper(recordings, tmp_path):
+    some = recordings[:6]
+    assert fleet.identify(some, "fuzzy-tanh", out=tmp_path, restarts=1, sets=3) == (2, 0, [])
+    models = fleet.read(tmp_path, "models").to_pylist()
+    assert [(row["damper"], row["training_runs"], row["validation_runs"]) for row in models] == [("damper 0", 2, 1), ("damper 1", 2, 1)]
+    coefficients = fleet.read(tmp_path, "coefficients").to_pylist()
+    assert {row["damper"] for row in coefficients} == {"damper 0", "damper 1"}
+    path = tmp_path / "model.toml"
+    path.write_text(models[0]["model_toml"])
+    paths = [recording.path for recording in some[:3]]
+    own = mr_damper.DamperModel("fuzzy-tanh", restarts=1, sets=3).fit(paths[:2], validate=paths[2:])
+    assert mr_damper.DamperModel.load(path).parameters == own.parameters
+
+
+def test_diagnoses_of_each_damper(aged, tmp_path):
+    some = [*aged[:3], *aged[-2:]]
+    done, _, failures = fleet.close(some, MODEL, out=tmp_path, fixed_base=True)
+    assert [failure[:3] for failure in failures] == [(some[-1].damper, some[-1].day, "too_few_recordings")]
+    [row] = fleet.read(tmp_path, "diagnoses").to_pylist()
+    assert (done, row["damper"], row["effect"], row["verdict"]) == (1, "damper 0", None, "nothing_to_explain"), row["text"]
+    assert row["before_rmse_n"] == pytest.approx(3.0, rel=0.1)
+
+
+def test_processes_and_threads(recordings, tmp_path):
+    with concurrent.futures.ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as processes:
+        assert fleet.evaluate(recordings, MODEL, tmp_path / "processes", engine=processes) == (12, 0, [])
+    with concurrent.futures.ThreadPoolExecutor(2) as threads:
+        assert fleet.evaluate(recordings, MODEL, tmp_path / "threads", engine=threads) == (12, 0, [])
+    assert fleet.read(tmp_path / "processes", "runs") == fleet.read(tmp_path / "threads", "runs")
+
+
+def test_a_worker_of_dask_that_is_killed_loses_nothing(recordings, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    alone = tmp_path / "alone"
+    fleet.evaluate(recordings, MODEL, alone)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster, distributed.Client(cluster) as client:
+        victims = sorted(client.run(os.getpid).values())
+
+        def kill(done, of):
+            if done == 4:
+                os.kill(victims[0], signal.SIGKILL)
+
+        assert fleet.evaluate(recordings, MODEL, tmp_path / "dask", engine=client, progress=kill) == (12, 0, [])
+        assert set(client.run(os.getpid).values()) != set(victims), "a worker was killed"
+    assert fleet.read(tmp_path / "dask", "runs") == fleet.read(alone, "runs")
+    assert fleet.read(tmp_path / "dask", "residuals") == fleet.read(alone, "residuals")
+
+
+@pytest.fixture(scope="module")
+def aged(tmp_path_factory):
+    """A recording a day of three dampers. The force of the last one fades by 8 % from the tenth day on."""
+    return record(tmp_path_factory.mktemp("aged"), 3, 18, 50, lambda number, day: 0.92 if (number, day >= 10) == (2, True) else 1.0)
+
+
+def test_ageing_is_found_and_nothing_else(aged, tmp_path):
+    assert fleet.effect_values(aged, MODEL, tmp_path / "out", window=48.0) == (54, 0, [])
+    found = fleet.ageing(tmp_path / "out")
+    assert repr(found) == "Ageing(3 values of 3 dampers, 1 changed)"
+    [row] = [row for row in found.rows if row["changed"]]
+    assert (row["damper"], row["effect"], row["parameter"], row["days"]) == ("damper 2", "", "force_ratio", 18)
+    assert -9.0 < row["change_low_percent"] < -8.0 < row["change_high_percent"] < -7.0
+    noticed = datetime.date.fromtimestamp(row["changed_at"] / 1e9)
+    assert datetime.timedelta(9) < noticed - BEGIN < datetime.timedelta(16)
+    query = f"select damper from '{tmp_path}/out/ageing.parquet' where changed and change_percent < -5"
+    assert duckdb.sql(query).fetchall() == [("damper 2",)]
+    page = found.to_html()
+    assert "1 of 3 dampers have changed" in page and "damper 2" in page
+    found.save(tmp_path / "fleet.html")
+    assert (tmp_path / "fleet.html").read_text() == page
+    assert len(found.to_frame("pandas")) == 3
+
+
+#: What a node writes: `node/src/watchdogs/value_rows.rs` has the same text.
+NODE_ROWS = """time,effect,form,parameter,running,value,low,high,displacement_std_m,velocity_rms_m_s,drive_share,window_s
+2026-11-27T08:00:00.000000001Z,,,force_ratio,1,1.5,1,2,1,1,0.25,60
+2026-11-27T08:00:00.000000001Z,coil_lag,one_tau,tau_s,1,,,,1,1,0.25,60
+"""
+
+
+def test_rows_of_a_node_are_read_with_the_rest(aged, tmp_path):
+    fleet.effect_values(aged[:1], MODEL, tmp_path, window=48.0)
+    folder = tmp_path / "values/damper=car%201%2Ffront_left/day=2026-11-27"
+    folder.mkdir(parents=True)
+    (folder / "1795766400000000001.csv").write_text(NODE_ROWS)
+    rows = fleet.read(tmp_path, "values").to_pylist()
+    assert [row["damper"] for row in rows] == ["car 1/front_left"] * 2 + ["damper 0"]
+    assert (rows[0]["effect"], rows[0]["value"], rows[0]["time"].nanosecond) == ("", 1.5, 1)
+    assert (rows[1]["effect"], rows[1]["form"], rows[1]["value"]) == ("coil_lag", "one_tau", None)
+    assert repr(fleet.ageing(tmp_path)) == "Ageing(2 values of 2 dampers, 0 changed)"
+
+
+def test_quantiles_of_students_t():
+    for degrees in (2.0, 2.5, 4.0, 9.0, 40.0):
+        assert _ageing.t975(degrees) == pytest.approx(scipy.stats.t.ppf(0.975, degrees), rel=0.01)
+
+
+def test_a_file_that_a_worker_left_behind_is_removed(recordings, tmp_path):
+    fleet.evaluate(recordings[:1], MODEL, tmp_path)
+    [made] = (tmp_path / "runs").glob("*/*/*.parquet")
+    left = made.with_name(".0.part")
+    left.write_bytes(b"PAR1")
+    assert len(fleet.read(tmp_path, "runs")) == 1
+    fleet.evaluate(recordings[:1], MODEL, tmp_path)
+    assert not left.exists()
+
+
+def test_a_task_is_plain_data(recordings):
+    task = _tasks._task("evaluate", recordings[:1], "text", {"load": {}}, "/out")
+    assert json.dumps(task, default=str)
+    assert pathlib.Path(task.paths[0]).is_absolute()
