@@ -72,7 +72,8 @@ def test_errors_are_those_of_the_library_and_are_kept(recordings, tmp_path):
     assert runs["damper"].to_pylist() == [recording.damper for recording in recordings]
     expected = mr_damper.evaluate(MODEL, recordings[0].path).runs[0]
     first = runs.to_pylist()[0]
-    assert (first["rmse_n"], first["nmse"], first["samples"]) == (expected.free_run.rsse_n, expected.free_run.esr, expected.free_run.samples)
+    figures = expected.free_run
+    assert (first["rmse_n"], first["nmse"], first["samples"]) == (figures.rsse_n, figures.esr, figures.samples)
     assert first["time"].isoformat() == "2026-11-01T08:00:00+00:00"
     # The regions hold each residual once.
     regions = fleet.read(tmp_path, "residuals").to_pylist()
@@ -91,7 +92,8 @@ def test_errors_are_those_of_the_library_and_are_kept(recordings, tmp_path):
 
 def test_other_tools_read_the_results(recordings, tmp_path):
     fleet.evaluate(recordings, MODEL, tmp_path)
-    query = f"select damper, count(*), min(day) from read_parquet('{tmp_path}/runs/*/*/*.parquet', hive_partitioning=true) group by damper order by damper"
+    files = f"read_parquet('{tmp_path}/runs/*/*/*.parquet', hive_partitioning=true)"
+    query = f"select damper, count(*), min(day) from {files} group by damper order by damper"
     assert duckdb.sql(query).fetchall()[0] == ("damper 0", 3, BEGIN)
     part = next((tmp_path / "runs").glob("*/*/*.parquet"))
     field = _store.arrow().parquet.read_schema(part).field("rmse_n")
@@ -162,7 +164,8 @@ def test_a_worker_of_dask_that_is_killed_loses_nothing(recordings, tmp_path):
     distributed = pytest.importorskip("distributed")
     alone = tmp_path / "alone"
     fleet.evaluate(recordings, MODEL, alone)
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster, distributed.Client(cluster) as client:
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0")
+    with cluster, distributed.Client(cluster) as client:
         victims = sorted(client.run(os.getpid).values())
 
         def kill(done, of):

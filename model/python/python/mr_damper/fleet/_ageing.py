@@ -19,7 +19,10 @@ _FEWEST = 3
 #: Effects of the load cell and its converter: the sensor has changed, not the damper.
 _SENSOR = frozenset({"sensor_delay", "anti_alias_mismatch", "load_cell_drift"})
 
-_COLUMNS = ("damper", "effect", "parameter", "days", "windows", "first", "last", "change_percent", "change_low_percent", "change_high_percent", "changed", "changed_at")
+_COLUMNS = (
+    *("damper", "effect", "parameter", "days", "windows", "first", "last"),
+    *("change_percent", "change_low_percent", "change_high_percent", "changed", "changed_at"),
+)
 
 
 class _Series(NamedTuple):
@@ -119,7 +122,8 @@ def _read(out: Union[str, "os.PathLike[str]"]) -> Iterator[_Series]:
     for begin, end in zip([0, *ends], [*ends, len(names)]):
         if begin < end:
             part = slice(begin, end)
-            yield _Series(*names[begin], time_ns[part], value[part], 0.5 * (high[part] - low[part]), described[part])
+            damper, effect, parameter = names[begin]
+            yield _Series(damper, effect, parameter, time_ns[part], value[part], 0.5 * (high[part] - low[part]), described[part])
 
 
 def _row(one: _Series, days_per_alarm: float) -> Dict[str, Any]:
@@ -187,7 +191,7 @@ body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 70re
 h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2rem; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: .3rem .6rem; border-bottom: 1px solid var(--line); white-space: nowrap; }
-th:first-child, td:first-child, th:nth-child(2), td:nth-child(2) { text-align: left; }
+th:first-child, td:first-child, th:nth-child(2), td:nth-child(2), th:last-child { text-align: left; }
 p.quiet, td.quiet { color: var(--quiet); } svg { display: block; } polyline { fill: none; stroke: var(--mark); stroke-width: 1.3; }
 line { stroke: #c33; stroke-width: 1; stroke-dasharray: 2 2; }
 """
@@ -203,18 +207,20 @@ def _page(rows: Sequence[Dict[str, Any]], series: Sequence[_Series], days_per_al
         "Sensors that have changed": [pair for pair in changed if pair[0]["effect"] in _SENSOR],
     }
     begin, end = min(int(one.time_ns[0]) for one in series), max(int(one.time_ns[-1]) for one in series)
+    damper_days = sum({row["damper"]: row["days"] for row in rows}.values())
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'><meta name='viewport' content='width=device-width'>",
         f"<title>Fleet: {len(dampers)} dampers</title><style>{_STYLE}</style></head><body>",
         f"<h1>{len({row['damper'] for row, _ in changed})} of {len(dampers)} dampers have changed</h1>",
         f"<p>Data from {_date(begin)} to {_date(end)}: {sum(row['windows'] for row in rows)} values. A damper without a change gives a false alarm "
-        f"once in {days_per_alarm:g} days at most, if its values scatter normally and independently about what the excitation explains; in a "
-        f"fleet of this size, {len(dampers) / days_per_alarm:.2g} a day.</p>",
+        f"once in {days_per_alarm:g} days at most, if its values scatter normally and independently about what the excitation explains. So up to "
+        f"{damper_days / days_per_alarm:.0f} of the dampers below, most of them with small changes, may not have changed.</p>",
     ]
     for title, pairs in groups.items():
         parts.append(f"<h2>{title}: {len(pairs)}</h2>")
         if pairs:
-            parts.append("<table><thead><tr><th>damper</th><th>value</th><th>first</th><th>last</th><th>change</th><th>95 % interval</th><th>noticed</th><th>over time</th></tr></thead><tbody>")
+            heads = ("damper", "value", "first", "last", "change", "95 % interval", "noticed", "over time")
+            parts.append(f"<table><thead><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr></thead><tbody>")
             parts.extend(_table_row(row, one, begin, end) for row, one in pairs)
             parts.append("</tbody></table>")
         else:

@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
     kept: int
     """Tasks whose results were there already."""
     failures: List[Failure]
-    """Tasks that failed; their old results are gone or stay as they were."""
+    """Tasks that failed. Results that they had before stay."""
 
     def __repr__(self) -> str:
         return f"Outcome(done={self.done}, kept={self.kept}, failures={len(self.failures)})"
@@ -283,7 +283,8 @@ def _model_of(task: _Task) -> DamperModel:
 
 def _evaluate(task: _Task) -> Rows:
     model, load = _model_of(task), task.options["load"]
-    rows, regions = [], []
+    rows: List[Dict[str, Any]] = []
+    regions: List[Dict[str, Any]] = []
     for path in task.paths:
         run = read_run(path, **load)
         [figures] = model.evaluate(run).to_dict()["runs"]
