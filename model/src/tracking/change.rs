@@ -11,17 +11,17 @@
 //! change when  mean over l of M_l >= N
 //! ```
 //!
-//! What a base lacks moves the estimate of a value, and differently for each excitation. Therefore the value may depend on the excitation:
+//! A force that the base lacks moves the estimate of a value, and differently for each excitation. Therefore the value may depend on the excitation:
 //! by a slope, and by a constant for each kind of excitation. Windows are of one kind if their z differ by less than [`APART`]. So a window with
 //! a new excitation is weak evidence, and it is compared with windows of its kind once there are some. A window that determines the value poorly
 //! is weaker evidence, too.
 //!
 //! **Guarantee.** If the values follow the first three lines, the u are independent and standard normal. Each e_l then has the expectation
-//! 1, so the mean of M_l minus the number of values is a martingale, and the mean number of values before a false alarm is at least
-//! N, as in the alarm of the residual. The limit of u makes alarms only rarer. The example `change_alarms` measures the rate on a rig whose
+//! 1, so the mean of M_l minus the number of values is a martingale. Therefore the mean number of values before a false alarm is at
+//! least N, as in the alarm of the residual. The limit of u makes alarms only rarer. The example `change_alarms` measures the rate on a rig whose
 //! base the model does not have.
 //!
-//! After a change the comparison starts anew with the values that follow, and the change stays reported.
+//! After a change the comparison begins again with the values that follow, and the change stays reported.
 //!
 //! Source: `[hawkins1987]` (self-starting control charts), with recursive residuals of a regression `[brown1975]` in place of deviations from
 //! the mean, and `[shin2023]` in the bibliography (node/docs/guide/bibliography.md).
@@ -65,7 +65,7 @@ pub struct Observed {
     pub excitation: [f64; COVARIATES],
 }
 
-/// The test whether one value changes: the equations stand in `change.rs`.
+/// The test whether one value changes: `change.rs` begins with its equations.
 ///
 /// ```
 /// use mr_damper_model::tracking::{ChangeTest, Observed};
@@ -221,7 +221,7 @@ mod tests {
     enum Excitation {
         /// The covariates stay as they are.
         Same,
-        /// They are drawn anew after ten values.
+        /// New ones are drawn after ten values.
         Stages,
     }
 

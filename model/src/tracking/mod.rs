@@ -13,7 +13,7 @@
 //! It also estimates the ratio of the measured to the expected force, alone: the slope of a line through measured over expected force. It
 //! needs no effect, and shows a damper that fades without saying why.
 //!
-//! An interval contains chance alone. What the base of the model lacks moves a value as well, and differently for each excitation. The
+//! An interval contains chance alone. A force that the base of the model lacks moves a value as well, and differently for each excitation. The
 //! test for a change allows for that: it compares the values of windows with each other and not with the model, and a value may depend on
 //! the excitation, which `excitation.rs` describes.
 
@@ -79,7 +79,7 @@ impl Default for TrackingSettings {
     }
 }
 
-/// What is estimated.
+/// The kind of a value.
 ///
 /// ```
 /// use mr_damper_model::effect::Effect;
@@ -127,7 +127,7 @@ impl Quantity {
 pub struct EffectValue {
     /// Stamp of the last residual of the window.
     pub stamp: Stamp,
-    /// What the value is of.
+    /// Kind of the value.
     pub quantity: Quantity,
     /// The value in the model, in the parameter's unit; 1 for the force ratio.
     pub running: f64,

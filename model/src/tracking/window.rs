@@ -75,7 +75,7 @@ impl Sums {
     }
 }
 
-/// What a window found about a value.
+/// Estimate of a value from a window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Found {
     /// Difference to the value of the model.

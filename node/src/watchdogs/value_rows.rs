@@ -4,7 +4,7 @@
 //! DIR/values/damper=front_left/day=2026-11-27/1795766400000000000.csv        named after the first stamp in it
 //! ```
 //!
-//! A file appears whole. Rows that cannot be written are kept, and written with those of the next hour.
+//! A file appears whole. Rows that cannot be written are kept, and written with the rows of the next hour.
 
 use crate::settings::error::NodeError;
 use chrono::{DateTime, SecondsFormat};
