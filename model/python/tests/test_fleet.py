@@ -61,7 +61,16 @@ def test_recordings_are_found_by_their_paths(recordings, tmp_path):
     with pytest.raises(mr_damper.UsageError, match="no group 'day'"):
         fleet.find(tmp_path, r"(?P<damper>\w+)")
     with pytest.raises(mr_damper.UsageError, match="'one' is no date"):
-        fleet.find(tmp_path, r"(?P<damper>.)?(?P<day>one)")
+        fleet.find(tmp_path, r"(?P<day>one)(?P<damper>.)")
+    (tmp_path / "a-2026-11.csv").write_text("time_s\n")
+    with pytest.raises(mr_damper.UsageError, match="'2026-11' is no date"):
+        fleet.find(tmp_path, r"(?P<damper>a)-(?P<day>\d{4}-\d\d)")
+    with pytest.raises(mr_damper.UsageError, match="must not be optional"):
+        fleet.find(tmp_path, r"(?P<damper>z)?-(?P<day>2026)")
+    with pytest.raises(mr_damper.UsageError, match="is no regular expression"):
+        fleet.find(tmp_path, "(")
+    with pytest.raises(mr_damper.Error, match="no such folder"):
+        fleet.find(tmp_path / "absent", PATTERN)
 
 
 def test_errors_are_those_of_the_library_and_are_kept(recordings, tmp_path):
@@ -120,13 +129,54 @@ def test_wrong_arguments_say_what_to_do(recordings, tmp_path):
         fleet.evaluate(recordings, {"damper 0": MODEL}, tmp_path)
     with pytest.raises(TypeError, match="unknown options: colour"):
         fleet.evaluate(recordings, MODEL, tmp_path, colour=1)
-    with pytest.raises(mr_damper.UsageError, match="recordings is empty"):
-        fleet.evaluate([], MODEL, tmp_path)
+    for given, why in [
+        ([], "recordings is empty"),
+        ("recordings", "give a list of Recording"),
+        (recordings[0], "give a list of Recording"),
+        (["a.csv"], "is no Recording"),
+        ([fleet.Recording(5, BEGIN, "a.csv")], "damper is 5"),
+        ([fleet.Recording("", BEGIN, "a.csv")], "damper is ''"),
+        ([fleet.Recording("a", "2026-11-01", "a.csv")], "give a datetime.date"),
+        ([fleet.Recording("a", BEGIN, 1)], "path is 1"),
+    ]:
+        with pytest.raises(mr_damper.UsageError, match=why):
+            fleet.evaluate(given, MODEL, tmp_path)
+    for wrong, why in [
+        (dict(velocities=(0.1, -0.1)), "ascending"),
+        (dict(velocities=(float("nan"),)), "velocities is nan"),
+        (dict(drives=("a",)), "drives is 'a'"),
+    ]:
+        with pytest.raises(mr_damper.UsageError, match=why):
+            fleet.evaluate(recordings, MODEL, tmp_path, **wrong)
+    for window in (10, float("nan"), "60", None):
+        with pytest.raises(mr_damper.UsageError, match="window is"):
+            fleet.effect_values(recordings, MODEL, tmp_path, window=window)
+    with pytest.raises(mr_damper.UsageError, match="model is None"):
+        fleet.evaluate(recordings, None, tmp_path)
+    with pytest.raises(mr_damper.UsageError, match="validate is 1.5"):
+        fleet.identify(recordings, out=tmp_path, validate=1.5)
+    with pytest.raises(mr_damper.UsageError, match="leaves no recording for the test"):
+        fleet.close(recordings, MODEL, out=tmp_path, split=(0.9, 0.5))
+    # An option that every task would refuse ends the call.
+    with pytest.raises(mr_damper.UsageError, match="zzz"):
+        fleet.close(recordings, MODEL, out=tmp_path, effects=["zzz"])
     with pytest.raises(mr_damper.Error, match="has no results"):
         fleet.read(tmp_path, "runs")
-    gone = fleet.Recording("a", BEGIN, str(tmp_path / "gone.csv"))
-    with pytest.raises(mr_damper.Error, match="is the recording still there"):
-        fleet.evaluate([gone], MODEL, tmp_path)
+    with pytest.raises(mr_damper.UsageError, match="give a list of names among damper, day"):
+        fleet.read(tmp_path, "runs", ["nope"])
+    with pytest.raises(mr_damper.UsageError, match="days_per_alarm is 'x'"):
+        fleet.ageing(tmp_path, days_per_alarm="x")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(mr_damper.Error, match="give a folder that can be written"):
+        fleet.evaluate(recordings, MODEL, tmp_path / "file")
+
+
+def test_a_recording_that_is_gone_is_a_failure_and_one_that_is_there_twice_counts_once(recordings, tmp_path):
+    gone = fleet.Recording("z", BEGIN, str(tmp_path / "gone.csv"))
+    done, _, failures = fleet.evaluate([recordings[0], recordings[0], gone], MODEL, tmp_path / "out")
+    assert (done, len(failures), failures[0].damper, failures[0].code) == (1, 1, "z", "io")
+    assert "is the recording still there" in failures[0].message
+    assert len(fleet.read(tmp_path / "out", "runs")) == 1
 
 
 def test_models_and_diagnoses_of_each_damper(recordings, tmp_path):
@@ -139,6 +189,8 @@ def test_models_and_diagnoses_of_each_damper(recordings, tmp_path):
     path = tmp_path / "model.toml"
     path.write_text(models[0]["model_toml"])
     paths = [recording.path for recording in some[:3]]
+    assert fleet.models(tmp_path)["damper 0"].parameters == mr_damper.DamperModel.load(path).parameters
+    assert fleet.evaluate(some, fleet.models(tmp_path), tmp_path) == (6, 0, [])
     own = mr_damper.DamperModel("fuzzy-tanh", restarts=1, sets=3).fit(paths[:2], validate=paths[2:])
     assert mr_damper.DamperModel.load(path).parameters == own.parameters
 
@@ -191,7 +243,7 @@ def test_ageing_is_found_and_nothing_else(aged, tmp_path):
     [row] = [row for row in found.rows if row["changed"]]
     assert (row["damper"], row["effect"], row["parameter"], row["days"]) == ("damper 2", "", "force_ratio", 18)
     assert -9.0 < row["change_low_percent"] < -8.0 < row["change_high_percent"] < -7.0
-    noticed = datetime.date.fromtimestamp(row["changed_at"] / 1e9)
+    noticed = row["changed_at"].date()
     assert datetime.timedelta(9) < noticed - BEGIN < datetime.timedelta(16)
     query = f"select damper from '{tmp_path}/out/ageing.parquet' where changed and change_percent < -5"
     assert duckdb.sql(query).fetchall() == [("damper 2",)]
@@ -202,10 +254,10 @@ def test_ageing_is_found_and_nothing_else(aged, tmp_path):
     assert len(found.to_frame("pandas")) == 3
 
 
-#: What a node writes: `node/src/watchdogs/value_rows.rs` has the same text.
-NODE_ROWS = """time,effect,form,parameter,running,value,low,high,displacement_std_m,velocity_rms_m_s,drive_share,window_s
-2026-11-27T08:00:00.000000001Z,,,force_ratio,1,1.5,1,2,1,1,0.25,60
-2026-11-27T08:00:00.000000001Z,coil_lag,one_tau,tau_s,1,,,,1,1,0.25,60
+#: What a node writes: `node/src/watchdogs/fleet_rows/tests.rs` has the same text.
+NODE_ROWS = """time,effect,form,parameter,running,value,low,high,displacement_std_m,velocity_rms_m_s,drive_share,window_s,model_hash
+2026-11-27T08:59:59.000000001Z,,,force_ratio,1,1.5,1,2,1,1,0.25,60,abc
+2026-11-27T08:59:59.000000001Z,coil_lag,one_tau,tau_s,1,,,,1,1,0.25,60,abc
 """
 
 
@@ -219,6 +271,72 @@ def test_rows_of_a_node_are_read_with_the_rest(aged, tmp_path):
     assert (rows[0]["effect"], rows[0]["value"], rows[0]["time"].nanosecond) == ("", 1.5, 1)
     assert (rows[1]["effect"], rows[1]["form"], rows[1]["value"]) == ("coil_lag", "one_tau", None)
     assert repr(fleet.ageing(tmp_path)) == "Ageing(2 values of 2 dampers, 0 changed)"
+    # An infinite border of a region is a number.
+    regions = tmp_path / "residuals/damper=a/day=2026-11-27"
+    regions.mkdir(parents=True)
+    head = "run,time,velocity_from_m_s,velocity_to_m_s,drive_from,drive_to,samples,mean_n,rmse_n"
+    (regions / "1.csv").write_text(f"{head}\n,2026-11-27T08:59:59.000000001Z,-inf,-0.15,2,inf,3,-1.5,2\n")
+    [region] = fleet.read(tmp_path, "residuals").to_pylist()
+    assert (region["run"], region["velocity_from_m_s"], region["drive_to"], region["samples"]) == ("", -float("inf"), float("inf"), 3)
+
+
+def test_stamps_that_count_from_the_start_of_a_recording_take_the_day(aged, tmp_path):
+    """Two recordings a day, one of which is a minute longer, without dates in their stamps."""
+    relative = []
+    for recording in aged[:6]:
+        for part in (1, 2):
+            [run] = mr_damper.simulate("RP-APRBS", replicates=1, duration=50 * part, seed=part, effect=None)
+            path = tmp_path / f"{recording.day}-{part}.csv"
+            run.save(path)
+            relative.append(fleet.Recording("r", recording.day, str(path)))
+    assert fleet.effect_values(relative, MODEL, tmp_path / "out", window=48.0) == (6, 0, [])
+    rows = fleet.read(tmp_path / "out", "values").to_pylist()
+    assert [row["time"].date() for row in rows] == [row["day"] for row in rows]
+    assert rows == sorted(rows, key=lambda row: row["time"])
+    [row] = fleet.ageing(tmp_path / "out").rows
+    assert (row["days"], row["windows"], row["changed"]) == (6, 18, False)
+
+
+def test_recordings_that_overlap_are_a_failure(aged, tmp_path):
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(pathlib.Path(aged[0].path).read_bytes())
+    twice = [aged[0], aged[0]._replace(path=str(copy))]
+    _, _, [failure] = fleet.effect_values(twice, MODEL, tmp_path / "out", window=48.0)
+    assert (failure.code, "leave one of the recordings out" in failure.message) == ("overlap", True)
+
+
+def test_recordings_without_a_window_are_failures(aged, tmp_path):
+    run = mr_damper.read_run(aged[0].path).traces()
+    table = {"time_ns": np.frombuffer(run["displacement_m"][0], "i8")}
+    table.update({name: np.frombuffer(values) for name, (_, values) in run.items() if name != "force_n"})
+    mr_damper.read_run(table, map={"time": "time_ns,unit=ns"}).save(tmp_path / "no-force.csv")
+    both = [aged[0], aged[0]._replace(damper="x", path=str(tmp_path / "no-force.csv"))]
+    done, _, [short, without] = fleet.effect_values(both, MODEL, tmp_path / "out")
+    assert (done, short.code, without.code) == (0, "no_window", "no_window")
+    assert "they last 50 s" in short.message
+    assert "force_n is missing" in without.message
+
+
+def test_values_of_another_model_are_left_out(aged, tmp_path):
+    fleet.effect_values(aged[:9], MODEL, tmp_path, window=48.0)
+    fleet.effect_values(aged[9:18], "thesis/fuzzy-tanh/rp1-cs", tmp_path, window=48.0)
+    with pytest.warns(mr_damper.MrDamperWarning, match="9 of 18 values are left out"):
+        [row] = fleet.ageing(tmp_path).rows
+    assert (row["windows"], row["days"]) == (9, 9)
+
+
+@pytest.mark.parametrize("values", [[1.0] * 20, [1.0] * 20 + [0.9] * 20, [0.0] * 20 + [1.0, 2.0, 1.0], [1.0, float("nan"), 2.0] * 9])
+@pytest.mark.parametrize("stroke_m", [0.01, 0.0, float("nan")])
+def test_odd_values_are_no_error(values, stroke_m, tmp_path):
+    begin_ns = int(datetime.datetime(2026, 11, 1, tzinfo=datetime.timezone.utc).timestamp()) * 10**9
+    rows = [
+        {"time": begin_ns + day * 86_400 * 10**9, "effect": "", "form": "", "parameter": "force_ratio", "value": value, "low": value, "high": value}
+        for day, value in enumerate(values)
+    ]
+    excitation = {"displacement_std_m": stroke_m, "velocity_rms_m_s": 0.1, "drive_share": 0.2, "window_s": 60.0, "model_hash": "a"}
+    _store.write(_store.file_of(str(tmp_path), "values", "a", BEGIN), "values", [{**row, **excitation} for row in rows], "key")
+    [row] = fleet.ageing(tmp_path).rows
+    assert row["windows"] == sum(value == value for value in values)
 
 
 def test_quantiles_of_students_t():

@@ -15,13 +15,11 @@ use crate::ros2::participant::{Output, Ros};
 use crate::settings::config::{Config, EffectSettings, RosArgs};
 use crate::settings::error::NodeError;
 use crate::watchdogs::diagnostics::{StatusContext, effect_status};
-use crate::watchdogs::value_rows::ValueRows;
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Cause, Event, Settings};
 use mr_damper_model::tracking::{EffectTracker, EffectValue, Quantity};
 use mr_damper_msgs::standard::DiagnosticStatus;
-use std::path::Path;
 use std::sync::Arc;
 
 /// Share of the difference between a value and its estimate that one window removes.
@@ -36,9 +34,6 @@ pub struct EffectWatch {
     tracked: Option<Tracked>,
     /// The values of the last window.
     latest: Vec<EffectValue>,
-    damper: String,
-    /// Rows on disk, if they are requested.
-    rows: Option<ValueRows>,
 }
 
 /// The model whose values are tracked.
@@ -63,18 +58,12 @@ impl EffectWatch {
         frame: Frame,
     ) -> Result<Self, NodeError> {
         let publisher = ros.publish_seldom(&args.topic("effect_values"))?;
-        let damper = args.namespace().trim_matches('/').to_owned();
-        let control = Arc::clone(control);
-        Ok(Self { publisher, control, frame, tracked: None, latest: Vec::new(), damper, rows: None })
+        Ok(Self { publisher, control: Arc::clone(control), frame, tracked: None, latest: Vec::new() })
     }
 
     /// Follows the running model and the parameters. Call it about once per second: the tracker runs pipelines of its own, so it need not
     /// change at the same sample.
     pub fn refresh(&mut self, config: &Config) {
-        let out = Path::new(&config.effects_out);
-        if self.rows.as_ref().map_or(Path::new(""), ValueRows::dir) != out {
-            self.rows = (!config.effects_out.is_empty()).then(|| ValueRows::new(out, &self.damper));
-        }
         let model = self.control.models().filter(|_| config.effects.track);
         let Some(model) = model.map(|models| Box::new(models.free)) else {
             self.tracked = None;
@@ -108,18 +97,20 @@ impl EffectWatch {
         }
     }
 
-    /// Takes an event of the running pipeline.
-    pub fn take(&mut self, event: &Event) {
-        let Some(tracked) = &mut self.tracked else { return };
+    /// Takes an event of the running pipeline. Returns the values of the window that it completed; none if it did not.
+    pub fn take(&mut self, event: &Event) -> &[EffectValue] {
+        let Some(tracked) = &mut self.tracked else { return &[] };
         let mut found = Vec::new();
         match event {
             Event::Input(sample) => tracked.tracker.step(sample, &mut |value| found.push(value)),
             Event::Transition(transition) if transition.cause == Cause::Reset => tracked.tracker.reset(),
             _ => {}
         }
-        if !found.is_empty() {
-            self.report(found);
+        if found.is_empty() {
+            return &[];
         }
+        self.report(found);
+        &self.latest
     }
 
     /// The status for `/diagnostics`; `None` while nothing is tracked.
@@ -135,9 +126,6 @@ impl EffectWatch {
             let message = wire::effect_value(value, tracked.effects.tracking.window_s, &frame);
             if let Err(error) = self.publisher.publish(message) {
                 tracing::warn!("cannot publish effect_values: {error}");
-            }
-            if let Some(rows) = &mut self.rows {
-                rows.add(value, tracked.effects.tracking.window_s);
             }
             let was_changed = self.latest.iter().any(|last| last.quantity == value.quantity && last.changed);
             if value.changed && !was_changed {

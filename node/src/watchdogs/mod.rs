@@ -3,8 +3,8 @@
 pub mod diagnostics;
 pub mod effect_watch;
 pub mod event_log;
+mod fleet_rows;
 pub mod history;
 pub mod memory;
 pub(crate) mod mode_log;
 pub mod overseer;
-mod value_rows;

@@ -20,6 +20,7 @@ use crate::watchdogs::diagnostics::{
 };
 use crate::watchdogs::effect_watch::EffectWatch;
 use crate::watchdogs::event_log::EventLog;
+use crate::watchdogs::fleet_rows::FleetRows;
 use crate::watchdogs::history::History;
 use mr_damper_base::clock::Clock;
 use mr_damper_base::worker::{Stop, Worker};
@@ -84,6 +85,10 @@ pub struct Overseeing {
     health: Health,
     node_status: NodeStatus,
     effects: EffectWatch,
+    /// Length of a window of `effects`, s.
+    window_s: f64,
+    /// Rows on disk, if they are requested.
+    rows: Option<FleetRows>,
     log: EventLog,
     /// True once the log says that the history is full early.
     said_dropped: bool,
@@ -149,6 +154,8 @@ impl Overseeing {
             health: Health::default(),
             node_status: NodeStatus::default(),
             effects: EffectWatch::offer(ros, args, control, frame)?,
+            window_s: control.config().effects.tracking.window_s,
+            rows: None,
             log: EventLog::default(),
             said_dropped: false,
             lost: 0,
@@ -202,7 +209,10 @@ impl Overseeing {
             }
             self.health.take(&event, at);
             self.node_status.take(&event, at);
-            self.effects.take(&event);
+            let values = self.effects.take(&event);
+            if let Some(rows) = &mut self.rows {
+                rows.take(&event, values, self.window_s, &names.hash);
+            }
             self.log.take(&event, &names);
         }
         self.log.flush();
@@ -212,6 +222,8 @@ impl Overseeing {
     fn look(&mut self, receiver: &EventReceiver, counters: &Counters, clock: &Clock) {
         let config = self.control.config();
         self.effects.refresh(&config);
+        self.window_s = config.effects.tracking.window_s;
+        FleetRows::follow(&mut self.rows, &config, &self.damper);
         let (history_s, dropped) = {
             let mut history = lock(&self.history);
             history.set_duration_s(config.history_duration_s);

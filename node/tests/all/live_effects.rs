@@ -39,7 +39,7 @@ fn values_are_published_and_the_model_takes_them() {
         ("effects.track", Value::Bool(true)),
         ("effects.adapt", Value::Bool(true)),
         ("effects.window_s", Value::Double(48.0)),
-        ("effects.out", Value::Text(dir.path().display().to_string())),
+        ("fleet.out", Value::Text(dir.path().display().to_string())),
     ] {
         config.set(name, &value).expect("in range");
     }
@@ -96,9 +96,17 @@ fn values_are_published_and_the_model_takes_them() {
     drop((values, statuses));
     peer.stop();
     service.stop().expect("no thread panicked");
-    // The rows of the hour that has begun.
-    let days = std::fs::read_dir(dir.path().join("values/damper=corner")).expect("a damper");
-    let files = days.flat_map(|day| std::fs::read_dir(day.expect("a day").path()).expect("a folder"));
-    let texts = files.map(|file| std::fs::read_to_string(file.expect("a file").path()).expect("a text"));
-    assert_eq!(texts.map(|text| text.lines().count() - 1).sum::<usize>(), 2);
+    // The rows of the hour that has begun. A sample before the first simulated time is in an hour of its own.
+    let rows = |table: &str| -> Vec<String> {
+        let days = std::fs::read_dir(dir.path().join(table).join("damper=corner")).expect("a damper");
+        let files = days.flat_map(|day| std::fs::read_dir(day.expect("a day").path()).expect("a folder"));
+        let texts = files.map(|file| std::fs::read_to_string(file.expect("a file").path()).expect("a text"));
+        texts.flat_map(|text| text.lines().skip(1).map(str::to_owned).collect::<Vec<_>>()).collect()
+    };
+    let count = |row: &String, at: usize| row.split(',').nth(at).and_then(|cell| cell.parse().ok());
+    let estimates: Vec<u64> = rows("hours").iter().filter_map(|row| count(row, 2)).collect();
+    let residuals: Vec<u64> = rows("residuals").iter().filter_map(|row| count(row, 6)).collect();
+    assert!(estimates.iter().sum::<u64>() > 20_000, "{estimates:?}");
+    assert!(residuals.len() > 5 && residuals.iter().sum::<u64>() > 20_000, "{residuals:?}");
+    assert_eq!(rows("values").len(), 2);
 }

@@ -187,8 +187,8 @@ pub struct Config {
     pub history_duration_s: f64,
     /// How the values of the model's effects are followed.
     pub effects: EffectSettings,
-    /// Folder in which the values of effects are also kept; empty: nowhere.
-    pub effects_out: String,
+    /// Folder in which rows about the damper are kept, an hour at a time; empty: nowhere.
+    pub fleet_out: String,
     /// Directory of the model files that `close_loop` writes; empty: the system's temporary directory.
     pub close_loop_out: String,
     /// Load the model found by `close_loop` automatically.
@@ -247,7 +247,7 @@ impl Default for Config {
                 adapt: false,
                 adapt_share: 0.2,
             },
-            effects_out: String::new(),
+            fleet_out: String::new(),
             close_loop_out: String::new(),
             close_loop_auto_load: false,
             align_wait_s: 0.05,

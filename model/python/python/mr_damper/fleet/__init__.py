@@ -17,6 +17,19 @@ It needs ``pip install 'mr-damper[fleet]'`` (NumPy and pyarrow), and the engine:
 from mr_damper.fleet._ageing import Ageing, ageing
 from mr_damper.fleet._recordings import Recording, find
 from mr_damper.fleet._store import read
-from mr_damper.fleet._tasks import Failure, Outcome, close, effect_values, evaluate, identify
+from mr_damper.fleet._tasks import Failure, Outcome, close, effect_values, evaluate, identify, models
 
-__all__ = ["Ageing", "Failure", "Outcome", "Recording", "ageing", "close", "effect_values", "evaluate", "find", "identify", "read"]
+__all__ = [
+    "Ageing",
+    "Failure",
+    "Outcome",
+    "Recording",
+    "ageing",
+    "close",
+    "effect_values",
+    "evaluate",
+    "find",
+    "identify",
+    "models",
+    "read",
+]

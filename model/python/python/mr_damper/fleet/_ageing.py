@@ -8,7 +8,7 @@ import statistics
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 from mr_damper import _native
-from mr_damper._errors import Error, UsageError
+from mr_damper._errors import Error, UsageError, warn
 from mr_damper._results import frame
 from mr_damper.fleet import _store
 
@@ -46,7 +46,8 @@ class Ageing:
 
     Columns: ``damper``, ``effect`` and ``parameter`` (both as in table ``values``), ``days`` with data, ``windows``, ``first`` and ``last``
     (means of the first and the last fifth of the windows), ``change_percent`` from first to last with its 95 % interval, ``changed``, and
-    ``changed_at``: the end of the window that completed the evidence.
+    ``changed_at``: the end of the window that completed the evidence. A value that changed and came back is ``changed`` with a small
+    ``change_percent``, and a value near zero has a large one.
     """
 
     def __init__(self, rows: List[Dict[str, Any]], series: List[_Series], days_per_alarm: float) -> None:
@@ -63,7 +64,7 @@ class Ageing:
         return frame({name: [row[name] for row in self.rows] for name in _COLUMNS}, library)
 
     def to_html(self) -> str:
-        """A page about the fleet: the dampers and sensors that have changed, the largest change first, with their values over time."""
+        """A page about the fleet: the dampers and sensors that have changed, the clearest change first, with their values over time."""
         return _page(self.rows, self._series, self._days_per_alarm)
 
     def save(self, path: Union[str, "os.PathLike[str]"]) -> None:
@@ -78,14 +79,15 @@ def ageing(out: Union[str, "os.PathLike[str]"], *, days_per_alarm: float = 1000.
     """Which dampers and sensors of a fleet have changed, from the table ``values`` in ``out``.
 
     Each value is compared with those of earlier windows, most closely with windows of similar stroke, speed and drive, as a node does with
-    ``effects.track``. The result is also written to ``ageing.parquet`` in ``out``, one file for questions in SQL.
+    ``effects.track``. If a damper has values of several models or lengths of windows, the newest ones count, and a warning says how many are left
+    out. The result is also written to ``ageing.parquet`` in ``out``, one file for questions in SQL.
 
     Args:
         out: folder of the results of :func:`effect_values`.
         days_per_alarm: bound of false alarms: the mean number of days of a damper before one, over all its values together. It holds if the
             values scatter normally and independently about what the excitation explains.
     """
-    if not days_per_alarm >= 1.0:
+    if not isinstance(days_per_alarm, (int, float)) or not days_per_alarm >= 1.0:
         raise UsageError(f"days_per_alarm is {days_per_alarm!r}; give a number of days, 1 or more", "usage", {"name": "days_per_alarm"})
     series = list(_read(out))
     if not series:
@@ -96,7 +98,7 @@ def ageing(out: Union[str, "os.PathLike[str]"], *, days_per_alarm: float = 1000.
     rows = [_row(one, days_per_alarm * values_of[one.damper]) for one in series]
     pa = _store.arrow()
     columns = {name: [row[name] for row in rows] for name in _COLUMNS}
-    columns["changed_at"] = pa.array(columns["changed_at"], pa.timestamp("ns", tz="UTC"))
+    columns["changed_at"] = pa.array(columns["changed_at"], pa.timestamp("us", tz="UTC"))
     path = pathlib.Path(out, "ageing.parquet")
     new = path.with_suffix(".part")
     pa.parquet.write_table(pa.table(columns), new, compression="zstd")
@@ -110,10 +112,11 @@ def _read(out: Union[str, "os.PathLike[str]"]) -> Iterator[_Series]:
 
     excitation = ["displacement_std_m", "velocity_rms_m_s", "drive_share"]
     pa = _store.arrow()
-    table = _store.read(out, "values", ["damper", "effect", "parameter", "time", "value", "low", "high", *excitation])
+    keys = ["damper", "effect", "parameter"]
+    table = _newest(_store.read(out, "values", [*keys, "time", "value", "low", "high", "window_s", "model_hash", *excitation]))
     table = table.filter(pa.compute.is_finite(table["value"]).combine_chunks().fill_null(False))
-    table = table.sort_by([("damper", "ascending"), ("effect", "ascending"), ("parameter", "ascending"), ("time", "ascending")])
-    names = list(zip(*(table[name].to_pylist() for name in ("damper", "effect", "parameter"))))
+    table = table.sort_by([(name, "ascending") for name in (*keys, "time")])
+    names = list(zip(*(table[name].to_pylist() for name in keys)))
     time_ns = table["time"].cast(pa.int64()).to_numpy()
     value, low, high, stroke_m, speed_m_s, drive = (table[name].to_numpy() for name in ("value", "low", "high", *excitation))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -124,6 +127,20 @@ def _read(out: Union[str, "os.PathLike[str]"]) -> Iterator[_Series]:
             part = slice(begin, end)
             damper, effect, parameter = names[begin]
             yield _Series(damper, effect, parameter, time_ns[part], value[part], 0.5 * (high[part] - low[part]), described[part])
+
+
+def _newest(table: Any) -> Any:
+    """The rows of each damper that were made like its newest one: with the same model and the same length of windows."""
+    made_like = ["damper", "window_s", "model_hash"]
+    groups = table.group_by(made_like).aggregate([("time", "max")]).sort_by("time_max")
+    newest = {row["damper"]: {name: row[name] for name in made_like} for row in groups.to_pylist()}
+    if len(newest) == len(groups):
+        return table
+    taken = _store.arrow().Table.from_pylist(list(newest.values()), schema=table.select(made_like).schema)
+    kept = table.join(taken, made_like, join_type="inner")
+    left_out = len(table) - len(kept)
+    warn(f"{left_out} of {len(table)} values are left out: they were made with another model or window than the newest ones of their damper")
+    return kept
 
 
 def _row(one: _Series, days_per_alarm: float) -> Dict[str, Any]:
@@ -146,7 +163,7 @@ def _row(one: _Series, days_per_alarm: float) -> Dict[str, Any]:
         "change_low_percent": low,
         "change_high_percent": high,
         "changed": at is not None,
-        "changed_at": None if at is None else int(one.time_ns[at]),
+        "changed_at": None if at is None else _time(int(one.time_ns[at])),
     }
 
 
@@ -200,7 +217,7 @@ line { stroke: #c33; stroke-width: 1; stroke-dasharray: 2 2; }
 def _page(rows: Sequence[Dict[str, Any]], series: Sequence[_Series], days_per_alarm: float) -> str:
     dampers = {row["damper"] for row in rows}
     changed = [(row, one) for row, one in zip(rows, series) if row["changed"]]
-    changed.sort(key=lambda pair: -abs(pair[0]["change_percent"] or 0.0))
+    changed.sort(key=lambda pair: -_clearness(pair[0]))
     groups = {
         "Dampers whose force has changed": [pair for pair in changed if not pair[0]["effect"]],
         "Dampers with a changed effect": [pair for pair in changed if pair[0]["effect"] and pair[0]["effect"] not in _SENSOR],
@@ -212,8 +229,8 @@ def _page(rows: Sequence[Dict[str, Any]], series: Sequence[_Series], days_per_al
         "<!doctype html><html lang='en'><head><meta charset='utf-8'><meta name='viewport' content='width=device-width'>",
         f"<title>Fleet: {len(dampers)} dampers</title><style>{_STYLE}</style></head><body>",
         f"<h1>{len({row['damper'] for row, _ in changed})} of {len(dampers)} dampers have changed</h1>",
-        f"<p>Data from {_date(begin)} to {_date(end)}: {sum(row['windows'] for row in rows)} values. A damper without a change gives a false alarm "
-        f"once in {days_per_alarm:g} days at most, if its values scatter normally and independently about what the excitation explains. So up to "
+        f"<p>Data from {_time(begin):%Y-%m-%d} to {_time(end):%Y-%m-%d}: {sum(row['windows'] for row in rows)} values. "
+        f"A damper without a change gives a false alarm once in {days_per_alarm:g} days at most, if its values scatter normally and independently about what the excitation explains. So up to "
         f"{damper_days / days_per_alarm:.0f} of the dampers below, most of them with small changes, may not have changed.</p>",
     ]
     for title, pairs in groups.items():
@@ -232,8 +249,15 @@ def _page(rows: Sequence[Dict[str, Any]], series: Sequence[_Series], days_per_al
     return "".join(parts)
 
 
-def _date(time_ns: int) -> str:
-    return datetime.datetime.fromtimestamp(time_ns / 1e9, datetime.timezone.utc).strftime("%Y-%m-%d")
+def _clearness(row: Dict[str, Any]) -> float:
+    """The change over half of its interval; 0 if it is not known."""
+    if row["change_percent"] is None:
+        return 0.0
+    return float(abs(row["change_percent"]) / max(row["change_high_percent"] - row["change_percent"], 1e-9))
+
+
+def _time(time_ns: int) -> datetime.datetime:
+    return datetime.datetime.fromtimestamp(time_ns // 1000 / 1e6, datetime.timezone.utc)
 
 
 def _table_row(row: Dict[str, Any], one: _Series, begin: int, end: int) -> str:
@@ -242,11 +266,12 @@ def _table_row(row: Dict[str, Any], one: _Series, begin: int, end: int) -> str:
 
     interval = "" if row["change_low_percent"] is None else f"{row['change_low_percent']:+.1f} to {row['change_high_percent']:+.1f} %"
     change = "" if row["change_percent"] is None else f"{row['change_percent']:+.1f} %"
-    cells = [html.escape(row["damper"]), html.escape(one.name), number(row["first"]), number(row["last"]), change, interval, _date(row["changed_at"])]
+    names = html.escape(row["damper"]), html.escape(one.name)
+    cells = [*names, number(row["first"]), number(row["last"]), change, interval, f"{row['changed_at']:%Y-%m-%d}"]
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + f"<td>{_curve(one, row['changed_at'], begin, end)}</td></tr>"
 
 
-def _curve(one: _Series, changed_at: int, begin: int, end: int, width: int = 220, height: int = 34) -> str:
+def _curve(one: _Series, changed_at: datetime.datetime, begin: int, end: int, width: int = 220, height: int = 34) -> str:
     """The values over time, with a line where the change was noticed."""
     low, high = float(one.value.min()), float(one.value.max())
     spread = (high - low) or 1.0
@@ -259,6 +284,7 @@ def _curve(one: _Series, changed_at: int, begin: int, end: int, width: int = 220
         f"{across(int(time)):.1f},{height - 3 - (height - 6) * (float(value) - low) / spread:.1f}"
         for time, value in zip(one.time_ns[::step], one.value[::step])
     )
-    mark = f"<line x1='{across(changed_at):.1f}' x2='{across(changed_at):.1f}' y1='0' y2='{height}'/>"
+    noticed = across(int(changed_at.timestamp() * 1e9))
+    mark = f"<line x1='{noticed:.1f}' x2='{noticed:.1f}' y1='0' y2='{height}'/>"
     label = html.escape(f"{one.name} of {one.damper}, {low:.4g} to {high:.4g}")
     return f"<svg width='{width}' height='{height}' role='img' aria-label='{label}'>{mark}<polyline points='{points}'/></svg>"

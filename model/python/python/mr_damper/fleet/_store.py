@@ -5,7 +5,7 @@ import os
 import pathlib
 import urllib.parse
 import uuid
-from typing import Any, Dict, List, Optional, Tuple, Union
+from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
 from mr_damper._errors import Error, UsageError
 
@@ -24,8 +24,20 @@ TABLES: Dict[str, List[Tuple[str, str, str]]] = {
         ("offset_n", "double", "N"),
         ("refused", "int", ""),
     ],
+    "hours": [
+        ("time", "time", "UTC"),
+        ("duration_s", "double", "s"),
+        ("estimates", "int", ""),
+        ("valid", "int", ""),
+        ("residuals", "int", ""),
+        ("rmse_n", "double", "N"),
+        ("refused", "int", ""),
+        ("mode_changes", "int", ""),
+        ("alarms", "int", ""),
+    ],
     "residuals": [
         ("run", "string", ""),
+        ("time", "time", "UTC"),
         ("velocity_from_m_s", "double", "m/s"),
         ("velocity_to_m_s", "double", "m/s"),
         ("drive_from", "double", "A or V"),
@@ -47,6 +59,7 @@ TABLES: Dict[str, List[Tuple[str, str, str]]] = {
         ("velocity_rms_m_s", "double", "m/s"),
         ("drive_share", "double", "1"),
         ("window_s", "double", "s"),
+        ("model_hash", "string", ""),
     ],
     "models": [
         ("model", "string", ""),
@@ -77,6 +90,9 @@ TABLES: Dict[str, List[Tuple[str, str, str]]] = {
         ("model_toml", "string", ""),
     ],
 }
+
+#: Number of this layout: results of another one are made again.
+LAYOUT = 1
 
 #: Name of a file, and of the metadata that tell from what it was made.
 _FILE = "part.parquet"
@@ -141,12 +157,12 @@ def remove_parts(out: str, table: str) -> None:
         part.unlink(missing_ok=True)
 
 
-def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[List[str]] = None) -> Any:
+def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[Sequence[str]] = None) -> Any:
     """A table of the results as ``pyarrow.Table``, sorted by damper and day.
 
     Args:
         out: folder of the results.
-        table: ``"runs"``, ``"residuals"``, ``"values"``, ``"models"``, ``"coefficients"`` or ``"diagnoses"``.
+        table: ``"runs"``, ``"residuals"``, ``"values"``, ``"models"``, ``"coefficients"``, ``"diagnoses"``, or ``"hours"``, which nodes write.
         columns: names of the columns; by default all, ``damper`` and ``day`` first.
 
     Raises:
@@ -154,6 +170,10 @@ def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[List
     """
     if table not in TABLES:
         raise UsageError(f"there is no table {table!r}; there are {', '.join(TABLES)}", "usage", {"table": table})
+    known = ["damper", "day", *(name for name, _, _ in TABLES[table])]
+    names = known if columns is None else list(columns)
+    if isinstance(columns, str) or not set(names) <= set(known):
+        raise UsageError(f"columns is {columns!r}; give a list of names among {', '.join(known)}", "usage", {"name": "columns"})
     pa = arrow()
     folder = pathlib.Path(out, table)
     # Nodes write CSV.
@@ -169,6 +189,5 @@ def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[List
             found.append(pa.dataset.dataset(files, whole, form, partitioning=parts, partition_base_dir=str(folder)))
     if not found:
         raise Error(f"{folder} has no results; write them with mr_damper.fleet", "no_results", {"file": str(folder)})
-    names = columns or ["damper", "day", *(name for name, _, _ in TABLES[table])]
     data = pa.concat_tables([each.to_table(columns=names).replace_schema_metadata(None) for each in found])
     return data if len(found) == 1 else data.sort_by([(name, "ascending") for name in ("damper", "day", "time") if name in names])

@@ -4,6 +4,7 @@ import datetime
 import hashlib
 import itertools
 import json
+import math
 import os
 import sys
 import time
@@ -16,7 +17,7 @@ from mr_damper._model import DamperModel
 from mr_damper._options import LOAD_OPTIONS
 from mr_damper._runs import read_run
 from mr_damper.fleet import _engine, _store
-from mr_damper.fleet._recordings import Recording
+from mr_damper.fleet._recordings import Recording, checked
 
 ModelLike = Union[DamperModel, str, "os.PathLike[str]"]
 Progress = Union[bool, Callable[[int, int], None], None]
@@ -24,6 +25,9 @@ Rows = Dict[str, List[Dict[str, Any]]]
 
 #: Time by which the velocity of a region is taken to each side, s.
 _SIDE_S = 0.01
+_DAY_NS = 86_400_000_000_000
+#: Time between two recordings whose stamps do not say it, ns.
+_APART_NS = 60_000_000_000
 
 
 class Failure(NamedTuple):
@@ -44,7 +48,7 @@ class Outcome(NamedTuple):
     kept: int
     """Tasks whose results were there already."""
     failures: List[Failure]
-    """Tasks that failed. Results that they had before stay."""
+    """Tasks that failed. The results that a task had before stay; if it never succeeded, it has none."""
 
     def __repr__(self) -> str:
         return f"Outcome(done={self.done}, kept={self.kept}, failures={len(self.failures)})"
@@ -86,8 +90,8 @@ def evaluate(
         progress: ``True`` writes progress to stderr; a function receives the number of tasks done and of all tasks.
         options: how recordings are read; see :func:`mr_damper.read_runs`.
     """
-    options = {"velocities": list(velocities), "drives": list(drives), "load": _load(options)}
-    return _run("evaluate", _by_day(recordings), model, out, options, engine, retries, progress)
+    options = {"velocities": _borders("velocities", velocities), "drives": _borders("drives", drives), "load": _load(options)}
+    return _run("evaluate", _by_day(recordings), _given(model), out, options, engine, retries, progress)
 
 
 def effect_values(
@@ -103,13 +107,18 @@ def effect_values(
 ) -> Outcome:
     """The ratio of measured to expected force and the values of the model's effects over time: table ``values``.
 
-    The rows are those of :meth:`mr_damper.DamperModel.effect_values`: one for each window and value. The recordings of a day share windows.
+    The rows are those of :meth:`mr_damper.DamperModel.effect_values`: one for each window and value. The recordings of a day share windows, in
+    the order of their stamps. If these are not of the recording's day, or the day before or after, they count from the start of the
+    recording: then recordings follow each other in the order of their paths, from the begin of the day on.
 
     Args:
-        window: length of a window, s, at least 48.
+        window: length of a window, s, at least 48. The recordings of a day must have more than that of motion with measured force, or the
+            task is a failure: a window needs a residual, which begins when the model's filters have settled.
         recordings, model, out, engine, retries, progress, options: as in :func:`evaluate`.
     """
-    return _run("effect_values", _by_day(recordings), model, out, {"window": window, "load": _load(options)}, engine, retries, progress)
+    window = _number("window", window, 48.0, 86400.0)
+    given = {"window": window, "load": _load(options)}
+    return _run("effect_values", _by_day(recordings), _given(model), out, given, engine, retries, progress)
 
 
 def identify(
@@ -133,6 +142,7 @@ def identify(
         options: those of :class:`mr_damper.DamperModel`.
     """
     DamperModel(model, **options)
+    validate = _number("validate", validate, 0.0, 0.9)
     options = {"options": {"model": model, **options}, "validate": validate}
     return _run("identify", _by_damper(recordings), None, out, options, engine, retries, progress)
 
@@ -160,8 +170,19 @@ def close(
         options: those of :func:`mr_damper.close`.
     """
     load = {name: options.pop(name) for name in LOAD_OPTIONS if name in options}
-    given = {"split": list(split), "options": options, "load": load}
+    search, confirm = (_number("split", share, 0.01, 0.98) for share in split)
+    if search + confirm > 0.99:
+        why = "leaves no recording for the test; the shares must sum to less than 1"
+        raise UsageError(f"split is {split!r}, which {why}", "usage", {"name": "split"})
+    given = {"split": [search, confirm], "options": options, "load": load}
     return _run("close", _by_damper(recordings), base, out, given, engine, retries, progress)
+
+
+def models(out: Union[str, "os.PathLike[str]"]) -> Dict[str, DamperModel]:
+    """The newest model of each damper in table ``models``, as :func:`evaluate`, :func:`effect_values` and :func:`close` take it."""
+    rows = _store.read(out, "models", ["damper", "day", "model_toml"])
+    newest = {row["damper"]: row["model_toml"] for row in sorted(rows.to_pylist(), key=lambda row: row["day"])}
+    return {damper: DamperModel._of(_native.Model.from_toml(text)) for damper, text in newest.items()}
 
 
 # Planning
@@ -173,12 +194,35 @@ def _load(options: Dict[str, Any]) -> Dict[str, Any]:
     return options
 
 
+def _number(name: str, value: Any, low: float, high: float) -> float:
+    try:
+        number = float(value) if not isinstance(value, str) else math.nan
+    except (TypeError, ValueError):
+        number = math.nan
+    if not low <= number <= high:
+        raise UsageError(f"{name} is {value!r:.80}; give a number from {low:g} to {high:g}", "usage", {"name": name})
+    return number
+
+
+def _borders(name: str, values: Any) -> List[float]:
+    borders = [_number(name, value, -1e9, 1e9) for value in values]
+    if any(low >= high for low, high in zip(borders, borders[1:])):
+        raise UsageError(f"{name} is {values!r:.80}; give borders in ascending order", "usage", {"name": name})
+    return borders
+
+
+def _given(model: Any) -> Any:
+    if model is None:
+        raise UsageError("model is None; give a DamperModel, a model file, a preset, or a dict of them by damper", "usage", {"name": "model"})
+    return model
+
+
 def _by_day(recordings: Iterable[Recording]) -> List[List[Recording]]:
-    return [list(group) for _, group in itertools.groupby(sorted(recordings), key=lambda it: it[:2])]
+    return [list(group) for _, group in itertools.groupby(checked(recordings), key=lambda it: it[:2])]
 
 
 def _by_damper(recordings: Iterable[Recording]) -> List[List[Recording]]:
-    return [list(group) for _, group in itertools.groupby(sorted(recordings), key=lambda it: it.damper)]
+    return [list(group) for _, group in itertools.groupby(checked(recordings), key=lambda it: it.damper)]
 
 
 def _run(
@@ -191,43 +235,50 @@ def _run(
     retries: int,
     progress: Progress,
 ) -> Outcome:
-    if not groups:
-        raise UsageError("recordings is empty; see mr_damper.fleet.find", "usage", {"name": "recordings"})
     _store.arrow()
     out = os.path.abspath(out)
+    try:
+        os.makedirs(out, exist_ok=True)
+    except OSError as error:
+        raise Error(f"{out}: {error.strerror}; give a folder that can be written", "io", {"file": out}) from None
     for table in TABLES_OF[kind]:
         _store.remove_parts(out, table)
     texts: Dict[int, str] = {}
-    waiting, kept = [], 0
+    waiting: List[_Task] = []
+    failures: List[Failure] = []
+    kept = done = ended = 0
     for group in groups:
-        task = _task(kind, group, _text_of(model, group[0].damper, texts), options, out)
+        try:
+            task = _task(kind, group, _text_of(model, group[0].damper, texts), options, out)
+        except OSError as error:
+            failures.append(Failure(group[-1].damper, group[-1].day, "io", f"{error.filename}: {error.strerror}; is the recording still there?"))
+            continue
         # A task writes its tables in order, so the last one says that all are there.
         if _store.is_made(_store.file_of(out, TABLES_OF[kind][-1], task.damper, task.day), task.key):
             kept += 1
         else:
             waiting.append(task)
     show = _shown(progress)
-    failures, done = [], 0
     for task, result in _engine.results(engine, _work, waiting, retries):
-        done += 1
+        if isinstance(result, UsageError):
+            # An option is wrong, for every task.
+            raise result
+        ended += 1
         if isinstance(result, BaseException):
             code = result.code if isinstance(result, Error) else type(result).__name__
             failures.append(Failure(task.damper, task.day, code, str(result)))
-        elif result is not None:
-            failures.append(Failure(task.damper, task.day, *result))
-        show(done, len(waiting))
-    return Outcome(done - len(failures), kept, sorted(failures))
+        else:
+            done += 1
+        show(ended, len(waiting))
+    return Outcome(done, kept, sorted(failures))
 
 
 def _task(kind: str, group: List[Recording], model_toml: Optional[str], options: Dict[str, Any], out: str) -> _Task:
     sources = []
     for recording in group:
-        try:
-            stat = os.stat(recording.path)
-        except OSError as error:
-            raise Error(f"{recording.path}: {error.strerror}; is the recording still there?", "io", {"file": recording.path}) from None
+        stat = os.stat(recording.path)
         sources.append([recording.path, stat.st_size, stat.st_mtime_ns])
-    made_from = [_native.__version__, kind, model_toml, options, sources]
+    made_from = [_native.__version__, _store.LAYOUT, kind, model_toml, options, sources]
     key = hashlib.sha256(json.dumps(made_from, sort_keys=True, default=str).encode()).hexdigest()
     damper, day = group[-1].damper, group[-1].day
     return _Task(kind, damper, day, tuple(recording.path for recording in group), model_toml, options, out, key)
@@ -265,12 +316,12 @@ def _shown(progress: Progress) -> Callable[[int, int], None]:
 # Work
 
 
-def _work(task: _Task) -> Optional[Tuple[str, str]]:
-    """Runs a task and writes its tables. Returns code and message of an error of its data, which no repetition would mend."""
+def _work(task: _Task) -> Optional[Error]:
+    """Runs a task and writes its tables. Returns an error of its data, which no repetition would mend."""
     try:
         tables = _KINDS[task.kind](task)
     except Error as error:
-        return error.code, str(error)
+        return error
     for table in TABLES_OF[task.kind]:
         _store.write(_store.file_of(task.out, table, task.damper, task.day), table, tables[table], task.key)
     return None
@@ -290,11 +341,12 @@ def _evaluate(task: _Task) -> Rows:
         [figures] = model.evaluate(run).to_dict()["runs"]
         if figures["free_run"] is None:
             raise Error(f"{path}: no sample has a measured force and a simulated one", "no_force", {"file": path})
+        time_ns = _begin_ns(run)
         rows.append(
             {
                 "run": path,
                 "sha256": run.sha256,
-                "time": _begin_ns(run),
+                "time": time_ns,
                 "duration_s": run.duration_s,
                 "samples": figures["free_run"]["samples"],
                 "rmse_n": figures["free_run"]["rsse_n"],
@@ -305,7 +357,7 @@ def _evaluate(task: _Task) -> Rows:
                 "refused": figures["refused"],
             }
         )
-        regions.extend({"run": path, **region} for region in _regions(run, model.predictions(run), task.options))
+        regions.extend({"run": path, "time": time_ns, **region} for region in _regions(run, model.predictions(run), task.options))
     return {"runs": rows, "residuals": regions}
 
 
@@ -350,12 +402,50 @@ def _regions(run: "_native.Run", predictions: Any, options: Dict[str, Any]) -> L
 
 def _effect_values(task: _Task) -> Rows:
     model, options = _model_of(task), task.options
-    runs = [read_run(path, **options["load"]) for path in task.paths]
+    runs = _in_order([read_run(path, **options["load"]) for path in task.paths], task.day)
     values = model.effect_values(runs, window=options["window"]).to_dict()
     values["time"] = values.pop("time_ns")
     names = list(values)
     rows = [dict(zip(names, row)) for row in zip(*(_plain(values[name]) for name in names))]
-    return {"values": [{**row, "window_s": options["window"]} for row in rows]}
+    if not rows:
+        lacking = [name for name in ("force_n", model.model_.drive) if name and not all(name in run.channels for run in runs)]
+        why = f"{lacking[0]} is missing" if lacking else f"they last {sum(run.duration_s for run in runs):.0f} s"
+        raise Error(
+            f"{task.damper}, {task.day}: the recordings make no whole window of {options['window']:g} s with measured force and motion: {why}",
+            "no_window",
+            {"damper": task.damper, "missing": lacking},
+        )
+    made_with = {"window_s": options["window"], "model_hash": hashlib.sha256((task.model_toml or "").encode()).hexdigest()}
+    return {"values": [{**row, **made_with} for row in rows]}
+
+
+def _in_order(runs: "List[_native.Run]", day: datetime.date) -> "List[_native.Run]":
+    """The runs of a day in the order of their stamps; runs whose stamps are of another day follow each other from the begin of the day on."""
+    midnight_ns = int(datetime.datetime.combine(day, datetime.time(), datetime.timezone.utc).timestamp()) * 10**9
+    begins_ns = [_begin_ns(run) for run in runs]
+    if all(-_DAY_NS <= begin_ns - midnight_ns < 2 * _DAY_NS for begin_ns in begins_ns):
+        order = sorted(range(len(runs)), key=begins_ns.__getitem__)
+        for before, after in zip(order, order[1:]):
+            if begins_ns[after] < begins_ns[before] + runs[before].duration_s * 1e9:
+                raise Error(
+                    f"{runs[after].name} begins before {runs[before].name} ends; leave one of the recordings out",
+                    "overlap",
+                    {"file": runs[after].name, "other": runs[before].name},
+                )
+        return [runs[at] for at in order]
+    moved, at_ns = [], midnight_ns
+    for run, begin_ns in zip(runs, begins_ns):
+        moved.append(_moved(run, at_ns - begin_ns))
+        at_ns += int(run.duration_s * 1e9) + _APART_NS
+    return moved
+
+
+def _moved(run: "_native.Run", by_ns: int) -> "_native.Run":
+    """The run with stamps that are ``by_ns`` later."""
+    import numpy as np
+
+    traces = [(name, (np.frombuffer(at, "i8") + by_ns).tobytes(), values) for name, (at, values) in run.traces().items()]
+    return _native.Run.from_traces(run.name, bytes.fromhex(run.sha256), run.drive, traces)
 
 
 def _plain(column: Any) -> List[Any]:

@@ -31,7 +31,7 @@ const GROUPS: [(&str, &[&str]); 11] = [
             "deadline_s",
         ],
     ),
-    ("Residual and diagnosis", &["residual.", "history.", "effects.", "close_loop."]),
+    ("Residual and diagnosis", &["residual.", "history.", "effects.", "fleet.", "close_loop."]),
     (
         "Current command",
         &["law", "inverse.", "skyhook.", "groundhook.", "fixed.", "request_timeout_s", "current."],

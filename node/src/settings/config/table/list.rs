@@ -195,11 +195,11 @@ const MAIN: [Parameter; 33] = [
         effects.adapt_share
     ),
     text!(
-        "effects.out",
+        "fleet.out",
         ParameterKind::Text,
         Running,
-        "folder in which the values of effects are also kept, a CSV file an hour, in the layout of the Python module mr_damper.fleet; empty: nowhere",
-        effects_out
+        "folder in which rows about the damper are kept, a CSV file an hour for each table, in the layout of the Python module mr_damper.fleet; empty: nowhere",
+        fleet_out
     ),
     text!(
         "close_loop.out",
