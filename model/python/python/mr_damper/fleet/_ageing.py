@@ -230,8 +230,8 @@ def _page(rows: Sequence[Dict[str, Any]], series: Sequence[_Series], days_per_al
         f"<title>Fleet: {len(dampers)} dampers</title><style>{_STYLE}</style></head><body>",
         f"<h1>{len({row['damper'] for row, _ in changed})} of {len(dampers)} dampers have changed</h1>",
         f"<p>Data from {_time(begin):%Y-%m-%d} to {_time(end):%Y-%m-%d}: {sum(row['windows'] for row in rows)} values. "
-        f"A damper without a change gives a false alarm once in {days_per_alarm:g} days at most, if its values scatter normally and independently about what the excitation explains. So up to "
-        f"{damper_days / days_per_alarm:.0f} of the dampers below, most of them with small changes, may not have changed.</p>",
+        f"A damper without a change gives a false alarm once in {days_per_alarm:g} days at most, if its values scatter normally and "
+        f"independently about what the excitation explains. So up to {damper_days / days_per_alarm:.0f} of the dampers below, most of them with small changes, may not have changed.</p>",
     ]
     for title, pairs in groups.items():
         parts.append(f"<h2>{title}: {len(pairs)}</h2>")
