@@ -23,6 +23,7 @@
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/log/Log.hpp>
+#include <fastdds/dds/log/StdoutErrConsumer.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
@@ -139,7 +140,12 @@ int main(int count, char** words) {
     return 2;
   }
   const int readers_wanted = std::atoi(words[2]), writers_wanted = std::atoi(words[3]);
+  // Standard output is for the line of JSON. By default Fast DDS writes its errors there, too, for instance while it ends.
   Log::SetVerbosity(Log::Kind::Error);
+  Log::ClearConsumers();
+  auto errors = std::make_unique<StdoutErrConsumer>();
+  errors->stderr_threshold(Log::Kind::Error);
+  Log::RegisterConsumer(std::move(errors));
   Listener listener;
   const char* domain = std::getenv("ROS_DOMAIN_ID");
   auto* participant = DomainParticipantFactory::get_instance()->create_participant(
