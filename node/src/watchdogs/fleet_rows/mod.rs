@@ -53,7 +53,7 @@ pub(crate) struct FleetRows {
     failed: bool,
 }
 
-/// What has happened in an hour.
+/// Counts and sums of an hour.
 struct Hour {
     first: Stamp,
     last: Stamp,
