@@ -42,6 +42,8 @@ struct Tracked {
     model: Box<Model>,
     /// Its effects as they were loaded.
     loaded: Effects,
+    /// Hash of the model as it was loaded; an adapted model has another one.
+    loaded_hash: String,
     settings: Settings,
     effects: EffectSettings,
 }
@@ -89,8 +91,11 @@ impl EffectWatch {
         match tracker {
             Ok(tracker) => {
                 let same = before.filter(|tracked| tracked.model == model);
-                let loaded = same.map_or(model.effects, |tracked| tracked.loaded);
-                self.tracked = Some(Tracked { tracker, model, loaded, settings, effects });
+                let (loaded, loaded_hash) = same.map_or_else(
+                    || (model.effects, self.control.models_names().hash),
+                    |tracked| (tracked.loaded, tracked.loaded_hash),
+                );
+                self.tracked = Some(Tracked { tracker, model, loaded, loaded_hash, settings, effects });
             }
             // The running pipeline has accepted the same model and settings, with values next to these.
             Err(error) => tracing::warn!("the values of the effects are not tracked: {error}"),
@@ -111,6 +116,12 @@ impl EffectWatch {
         }
         self.report(found);
         &self.latest
+    }
+
+    /// Hash of the model whose values are tracked, as it was loaded; empty while nothing is tracked.
+    #[must_use]
+    pub fn loaded_hash(&self) -> &str {
+        self.tracked.as_ref().map_or("", |tracked| &tracked.loaded_hash)
     }
 
     /// The status for `/diagnostics`; `None` while nothing is tracked.

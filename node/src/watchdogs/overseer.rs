@@ -87,6 +87,8 @@ pub struct Overseeing {
     effects: EffectWatch,
     /// Length of a window of `effects`, s.
     window_s: f64,
+    /// Hash of the model of `effects`.
+    model_hash: String,
     /// Rows on disk, if they are requested.
     rows: Option<FleetRows>,
     log: EventLog,
@@ -155,6 +157,7 @@ impl Overseeing {
             node_status: NodeStatus::default(),
             effects: EffectWatch::offer(ros, args, control, frame)?,
             window_s: control.config().effects.tracking.window_s,
+            model_hash: String::new(),
             rows: None,
             log: EventLog::default(),
             said_dropped: false,
@@ -211,7 +214,7 @@ impl Overseeing {
             self.node_status.take(&event, at);
             let values = self.effects.take(&event);
             if let Some(rows) = &mut self.rows {
-                rows.take(&event, values, self.window_s, &names.hash);
+                rows.take(&event, values, self.window_s, &self.model_hash);
             }
             self.log.take(&event, &names);
         }
@@ -223,6 +226,7 @@ impl Overseeing {
         let config = self.control.config();
         self.effects.refresh(&config);
         self.window_s = config.effects.tracking.window_s;
+        self.effects.loaded_hash().clone_into(&mut self.model_hash);
         FleetRows::follow(&mut self.rows, &config, &self.damper);
         let (history_s, dropped) = {
             let mut history = lock(&self.history);
