@@ -29,9 +29,9 @@ const BOUND: f64 = 75.0;
 enum Schedule {
     /// Never.
     Same,
-    /// Stroke, frequency and current are drawn anew after 5 to 30 windows.
+    /// Stroke, frequency and current change after 5 to 30 windows.
     Stages,
-    /// They are drawn anew for each window.
+    /// They change with each window.
     Each,
 }
 
@@ -82,7 +82,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let begin = *begin.get_or_insert(sample.stamp);
                 let stamp = Stamp::from_nanos(((at_s + sample.stamp.since(begin).get()) * 1e9) as i64);
                 tracker.step(&Sample { stamp, ..sample }, &mut |value| {
-                    // The number of windows starts anew after a change.
+                    // The number of windows begins again at a change.
                     let changed = value.changed && value.windows == 0;
                     let [values, alarms] = &mut counts[place(value.quantity)];
                     (*values, *alarms) = (*values + 1, *alarms + u32::from(changed));

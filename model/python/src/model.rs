@@ -4,11 +4,12 @@ use crate::error::{exception, of_model};
 use crate::run::Run;
 use crate::table::{floats, ints};
 use crate::work;
-use mr_damper_model::effect::Effect;
 use mr_damper_model::model_file::ModelFile;
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
-use mr_damper_model::tracking::{ChangeTest, EffectTracker, EffectValue, Observed, TrackingSettings};
+use mr_damper_model::tracking::{
+    ChangeTest, EffectTracker, EffectValue, Observed, Quantity, TrackingSettings,
+};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
 use mr_damper_node::NodeError;
 use mr_damper_node::commands::fis;
@@ -150,12 +151,12 @@ impl Model {
         columns.set_item("displacement_std_m", all(|value| value.excitation[0].exp()))?;
         columns.set_item("velocity_rms_m_s", all(|value| value.excitation[1].exp()))?;
         columns.set_item("drive_share", all(|value| value.excitation[2]))?;
-        let effects: Vec<_> = values.iter().map(|value| value.quantity.effect()).collect();
-        columns.set_item("effect", effects.iter().map(|it| it.map_or("", Effect::id)).collect::<Vec<_>>())?;
-        let form = |effect: &Option<Effect>| effect.and_then(Effect::form).unwrap_or_default();
-        columns.set_item("form", effects.iter().map(form).collect::<Vec<_>>())?;
-        columns
-            .set_item("parameter", values.iter().map(|value| value.quantity.name()).collect::<Vec<_>>())?;
+        let texts = |of: fn(Quantity) -> &'static str| -> Vec<&str> {
+            values.iter().map(|value| of(value.quantity)).collect()
+        };
+        columns.set_item("effect", texts(Quantity::effect_id))?;
+        columns.set_item("form", texts(Quantity::form))?;
+        columns.set_item("parameter", texts(Quantity::name))?;
         Ok(columns)
     }
 }

@@ -7,7 +7,7 @@
 //! s_x is the standard deviation of the displacement, s_v the root mean square of its difference quotients over 20 ms, i the drive, and i_max
 //! the largest drive in the data that the model comes from.
 
-use crate::sample::{Drive, Reading, Sample, Stamp};
+use crate::sample::{Reading, Sample, Stamp};
 
 /// Time over which a velocity is a difference quotient, s. Noise of the sensor counts less than over one sample.
 const APART_S: f64 = 0.02;
@@ -58,11 +58,7 @@ impl Excitation {
                     self.last = Some((sample.stamp, x_m));
                 }
             }
-            Reading::Drive(Drive::CoilCurrent(drive)) => {
-                sums.drives += 1.0;
-                sums.i += drive.get().abs();
-            }
-            Reading::Drive(Drive::CommandVoltage(drive)) => {
+            Reading::Drive(drive) => {
                 sums.drives += 1.0;
                 sums.i += drive.get().abs();
             }
@@ -83,6 +79,7 @@ impl Excitation {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sample::Drive;
     use crate::units::{Ampere, Metre};
 
     #[test]

@@ -28,11 +28,11 @@ use crate::inverse::{ControlLaw, Method};
 use crate::model::{Envelope, Model};
 use crate::pipeline::{Event, Models, Pipeline, Residual, Settings};
 use crate::sample::{Sample, Stamp};
-pub use change::{ChangeTest, Observed};
-
 use excitation::{COVARIATES, Excitation};
 use std::collections::VecDeque;
 use window::{Found, Window};
+
+pub use change::{ChangeTest, Observed};
 
 /// Step of a value for its derivative, as a share of the value.
 const SHARE: f64 = 0.02;
@@ -85,7 +85,7 @@ impl Default for TrackingSettings {
 /// use mr_damper_model::effect::Effect;
 /// use mr_damper_model::tracking::Quantity;
 ///
-/// assert_eq!(Quantity::ForceRatio.name(), "force_ratio");
+/// assert_eq!((Quantity::ForceRatio.name(), Quantity::ForceRatio.effect_id()), ("force_ratio", ""));
 /// let lag = Quantity::Effect { effect: Effect::CoilLag, parameter: 0 };
 /// assert_eq!((lag.effect(), lag.name()), (Some(Effect::CoilLag), "tau_s"));
 /// ```
@@ -110,6 +110,18 @@ impl Quantity {
             Self::ForceRatio => None,
             Self::Effect { effect, .. } => Some(effect),
         }
+    }
+
+    /// Id of the effect; empty for the force ratio.
+    #[must_use]
+    pub fn effect_id(self) -> &'static str {
+        self.effect().map_or("", Effect::id)
+    }
+
+    /// Form of the effect; empty for the force ratio, and if the effect has no forms.
+    #[must_use]
+    pub fn form(self) -> &'static str {
+        self.effect().and_then(Effect::form).unwrap_or_default()
     }
 
     /// Name of the value: `force_ratio`, which has no unit, or the name of an effect's value, as in model files. It ends in the unit.

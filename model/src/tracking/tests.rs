@@ -23,7 +23,7 @@ fn scaled(effect: &EffectModel, factor: f64) -> EffectModel {
     EffectModel::new(effect.effect(), &values).expect("allowed values")
 }
 
-/// Values of the model `loaded` on a run of some windows whose reading is that of the first of `truths`, and then of the second.
+/// Values of the model `loaded` on a run of some windows. The first of `truths` makes its readings, and then the second.
 fn track(loaded: &Model, truths: [&Model; 2], windows: [u32; 2], seed: u64) -> Vec<EffectValue> {
     track_times(1.0, loaded, truths, windows, seed)
 }

@@ -5,8 +5,8 @@
 //! d_k  +-  t95 sqrt((B - 1)/B sum over blocks of (d_k without block - d_k)^2)
 //! ```
 //!
-//! g are the derivatives of the expected reading by the values, r the residual in newtons, and d the differences of the values to those of
-//! the model: one step of least squares. The mean of r is left out, because it is the session's force offset. The window has B = 16
+//! g are the derivatives of the expected reading by the values, r the residual in newtons, and d the differences of the values to the values
+//! of the model: one step of least squares. The mean of r is left out, because it is the session's force offset. The window has B = 16
 //! blocks of equal length.
 //!
 //! Source: the jackknife over blocks, `[mackinnon2023]` in the bibliography (node/docs/guide/bibliography.md).

@@ -1,6 +1,5 @@
 //! Converts the pipeline's events to ROS messages; the names of the running models, which the messages hold.
 
-use mr_damper_model::effect::Effect;
 use mr_damper_model::pipeline::{Estimate, Residual, Slot, StampedCommand, Transition};
 use mr_damper_model::sample::Stamp;
 use mr_damper_model::tracking::EffectValue;
@@ -100,11 +99,11 @@ pub fn current_command(commanded: &StampedCommand, frame_id: &str) -> CurrentCom
 /// The message of a value, from a window of `window_s` seconds.
 #[must_use]
 pub fn effect_value(value: &EffectValue, window_s: f64, frame_id: &str) -> mr_damper_msgs::EffectValue {
-    let ([low, high], effect) = (value.ci95, value.quantity.effect());
+    let [low, high] = value.ci95;
     mr_damper_msgs::EffectValue {
         header: header(value.stamp, frame_id),
-        effect: effect.map_or("", Effect::id).to_owned(),
-        form: effect.and_then(Effect::form).unwrap_or_default().to_owned(),
+        effect: value.quantity.effect_id().to_owned(),
+        form: value.quantity.form().to_owned(),
         parameter: value.quantity.name().to_owned(),
         running: value.running,
         value: value.value,

@@ -48,6 +48,15 @@ struct Tracked {
     effects: EffectSettings,
 }
 
+/// The values of a window.
+pub(crate) struct WindowValues<'a> {
+    pub(crate) values: &'a [EffectValue],
+    /// Length of the window, s.
+    pub(crate) window_s: f64,
+    /// Hash of the model as it was loaded.
+    pub(crate) model_hash: &'a str,
+}
+
 impl EffectWatch {
     /// Creates the publisher.
     ///
@@ -102,9 +111,9 @@ impl EffectWatch {
         }
     }
 
-    /// Takes an event of the running pipeline. Returns the values of the window that it completed; none if it did not.
-    pub fn take(&mut self, event: &Event) -> &[EffectValue] {
-        let Some(tracked) = &mut self.tracked else { return &[] };
+    /// Takes an event of the running pipeline. Returns the values of the window that it completed.
+    pub(crate) fn take(&mut self, event: &Event) -> Option<WindowValues<'_>> {
+        let tracked = self.tracked.as_mut()?;
         let mut found = Vec::new();
         match event {
             Event::Input(sample) => tracked.tracker.step(sample, &mut |value| found.push(value)),
@@ -112,16 +121,12 @@ impl EffectWatch {
             _ => {}
         }
         if found.is_empty() {
-            return &[];
+            return None;
         }
         self.report(found);
-        &self.latest
-    }
-
-    /// Hash of the model whose values are tracked, as it was loaded; empty while nothing is tracked.
-    #[must_use]
-    pub fn loaded_hash(&self) -> &str {
-        self.tracked.as_ref().map_or("", |tracked| &tracked.loaded_hash)
+        let Tracked { effects, loaded_hash, .. } = self.tracked.as_ref()?;
+        let window_s = effects.tracking.window_s;
+        Some(WindowValues { values: &self.latest, window_s, model_hash: loaded_hash })
     }
 
     /// The status for `/diagnostics`; `None` while nothing is tracked.

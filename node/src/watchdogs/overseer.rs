@@ -85,10 +85,6 @@ pub struct Overseeing {
     health: Health,
     node_status: NodeStatus,
     effects: EffectWatch,
-    /// Length of a window of `effects`, s.
-    window_s: f64,
-    /// Hash of the model of `effects`.
-    model_hash: String,
     /// Rows on disk, if they are requested.
     rows: Option<FleetRows>,
     log: EventLog,
@@ -156,8 +152,6 @@ impl Overseeing {
             health: Health::default(),
             node_status: NodeStatus::default(),
             effects: EffectWatch::offer(ros, args, control, frame)?,
-            window_s: control.config().effects.tracking.window_s,
-            model_hash: String::new(),
             rows: None,
             log: EventLog::default(),
             said_dropped: false,
@@ -212,9 +206,9 @@ impl Overseeing {
             }
             self.health.take(&event, at);
             self.node_status.take(&event, at);
-            let values = self.effects.take(&event);
+            let window = self.effects.take(&event);
             if let Some(rows) = &mut self.rows {
-                rows.take(&event, values, self.window_s, &self.model_hash);
+                rows.take(&event, window.as_ref());
             }
             self.log.take(&event, &names);
         }
@@ -225,8 +219,6 @@ impl Overseeing {
     fn look(&mut self, receiver: &EventReceiver, counters: &Counters, clock: &Clock) {
         let config = self.control.config();
         self.effects.refresh(&config);
-        self.window_s = config.effects.tracking.window_s;
-        self.effects.loaded_hash().clone_into(&mut self.model_hash);
         FleetRows::follow(&mut self.rows, &config, &self.damper);
         let (history_s, dropped) = {
             let mut history = lock(&self.history);

@@ -43,9 +43,7 @@ def read_runs(source: Any, *, name: Optional[str] = None, nan: str = "error", **
     Raises:
         Error: for a source that is not a run, wrong units, missing columns, cells that are not finite numbers, or stamps that do not increase.
     """
-    unknown = set(options) - set(load_options())
-    if unknown:
-        raise TypeError(f"unknown options: {', '.join(sorted(unknown))}; known are {', '.join(load_options())}")
+    check_load_options(options)
     if nan not in ("error", "empty"):
         raise UsageError(f'nan is {nan!r}; give "error" or "empty"', "usage", {"name": "nan"})
     words = load_words(options)
@@ -68,6 +66,13 @@ def load_options() -> Any:
     from mr_damper._options import LOAD_OPTIONS
 
     return LOAD_OPTIONS
+
+
+def check_load_options(options: Mapping[str, Any]) -> None:
+    """Raises TypeError for an option that does not say how runs are read."""
+    unknown = set(options) - set(load_options())
+    if unknown:
+        raise TypeError(f"unknown options: {', '.join(sorted(unknown))}; known are {', '.join(load_options())}")
 
 
 def is_one(source: Any) -> bool:

@@ -16,8 +16,8 @@ mod regions;
 
 use crate::settings::config::Config;
 use crate::settings::error::NodeError;
+use crate::watchdogs::effect_watch::WindowValues;
 use chrono::{DateTime, SecondsFormat};
-use mr_damper_model::effect::Effect;
 use mr_damper_model::pipeline::{Estimate, Event, Validity};
 use mr_damper_model::sample::Stamp;
 use mr_damper_model::tracking::EffectValue;
@@ -122,9 +122,8 @@ impl FleetRows {
         }
     }
 
-    /// Takes an event of the running pipeline, and the `values` of effects that it completed, from windows of `window_s` seconds with the model
-    /// of `model_hash`.
-    pub(crate) fn take(&mut self, event: &Event, values: &[EffectValue], window_s: f64, model_hash: &str) {
+    /// Takes an event of the running pipeline, and the values of effects from the window that it completed.
+    pub(crate) fn take(&mut self, event: &Event, window: Option<&WindowValues<'_>>) {
         // An estimate in silence has no sample.
         let sampled = |estimate: &Estimate| estimate.received.is_some();
         if let Event::Estimate(estimate) = event
@@ -159,7 +158,7 @@ impl FleetRows {
             Event::Alarm(alarm) => hour.alarms += u64::from(alarm.raised),
             Event::Estimate(_) | Event::Command(_) => {}
         }
-        hour.values.extend(values.iter().map(|value| row_of(value, window_s, model_hash)));
+        hour.values.extend(window.into_iter().flat_map(WindowValues::rows));
     }
 
     /// Writes the hour so far.
@@ -232,16 +231,17 @@ fn cell(number: f64) -> String {
     if number.is_finite() { number.to_string() } else { String::new() }
 }
 
+impl WindowValues<'_> {
+    fn rows(&self) -> impl Iterator<Item = String> {
+        self.values.iter().map(|value| row_of(value, self.window_s, self.model_hash))
+    }
+}
+
 /// The row of a value.
 fn row_of(value: &EffectValue, window_s: f64, model_hash: &str) -> String {
-    let effect = value.quantity.effect();
-    let mut row = format!(
-        "{},{},{},{}",
-        time(value.stamp),
-        effect.map_or("", Effect::id),
-        effect.and_then(Effect::form).unwrap_or_default(),
-        value.quantity.name()
-    );
+    let quantity = value.quantity;
+    let (id, form, name) = (quantity.effect_id(), quantity.form(), quantity.name());
+    let mut row = format!("{},{id},{form},{name}", time(value.stamp));
     let [stroke, speed, drive] = value.excitation;
     let [low, high] = value.ci95;
     for number in [value.running, value.value, low, high, stroke.exp(), speed.exp(), drive, window_s] {

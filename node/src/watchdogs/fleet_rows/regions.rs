@@ -5,7 +5,7 @@
 
 use super::cell;
 use mr_damper_model::pipeline::Residual;
-use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
+use mr_damper_model::sample::{Reading, Sample, Stamp};
 use std::collections::VecDeque;
 
 // Borders of the regions, as in `mr_damper.fleet.evaluate`: m/s, and A or V.
@@ -57,8 +57,7 @@ impl Regions {
                 push(&mut self.displacements, sample.stamp, x.get());
                 self.settle();
             }
-            Reading::Drive(Drive::CoilCurrent(drive)) => push(&mut self.drives, sample.stamp, drive.get()),
-            Reading::Drive(Drive::CommandVoltage(drive)) => push(&mut self.drives, sample.stamp, drive.get()),
+            Reading::Drive(drive) => push(&mut self.drives, sample.stamp, drive.get()),
             _ => {}
         }
     }

@@ -1,6 +1,7 @@
 //! Rows of a pipeline that runs, and files that cannot be written.
 
 use super::*;
+use mr_damper_model::effect::Effect;
 use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use mr_damper_model::preset;
 use mr_damper_model::sample::{Drive, Reading, Sample};
@@ -24,10 +25,10 @@ fn value(quantity: Quantity, value: f64) -> EffectValue {
 }
 
 /// Four seconds of a triangle of 0.1 m/s at 1 A, with a force of zero, over the end of an hour. Returns the residuals.
-fn run(rows: &mut FleetRows, values: &[EffectValue]) -> Vec<f64> {
+fn run(rows: &mut FleetRows) -> Vec<f64> {
     let model = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
     let mut pipeline = Pipeline::new(Models::alone(model), Settings::default()).expect("good settings");
-    let (mut residuals_n, mut values) = (Vec::new(), values);
+    let mut residuals_n = Vec::new();
     for step in 0..2000 {
         let t_s = 2e-3 * f64::from(step);
         let stamp = Stamp::from_nanos(BEGIN_NS + 2_000_000 * i64::from(step));
@@ -41,8 +42,7 @@ fn run(rows: &mut FleetRows, values: &[EffectValue]) -> Vec<f64> {
                 if let Event::Residual(residual) = event {
                     residuals_n.push(residual.residual.get());
                 }
-                rows.take(&event, values, 60.0, "abc");
-                values = &[];
+                rows.take(&event, None);
             });
         }
     }
@@ -58,10 +58,10 @@ fn each_hour_has_its_files_and_the_last_one_is_written_at_the_end() {
     let dir = tempfile::tempdir().expect("a directory");
     let lag = Quantity::Effect { effect: Effect::CoilLag, parameter: 0 };
     let mut rows = FleetRows::new(dir.path(), "car 1/front_left");
-    let residuals_n = run(&mut rows, &[]);
+    let residuals_n = run(&mut rows);
     let Some(hour) = &mut rows.hour else { panic!("an hour has begun") };
-    hour.values =
-        [value(Quantity::ForceRatio, 1.5), value(lag, f64::NAN)].map(|it| row_of(&it, 60.0, "abc")).to_vec();
+    let values = [value(Quantity::ForceRatio, 1.5), value(lag, f64::NAN)];
+    hour.values = WindowValues { values: &values, window_s: 60.0, model_hash: "abc" }.rows().collect();
     drop(rows);
     let damper = "damper=car%201%2Ffront_left/day=2026-11-27";
     let names = ["1795769998000000000.csv", "1795770000000000000.csv"];
@@ -114,7 +114,7 @@ fn files_that_cannot_be_written_are_kept() {
     let out = dir.path().join("out");
     fs::write(&out, "in the way").expect("a file");
     let mut rows = FleetRows::new(&out, "");
-    run(&mut rows, &[]);
+    run(&mut rows);
     assert_eq!(rows.files.len(), 2, "hours and residuals of the first hour");
     fs::remove_file(&out).expect("removed");
     drop(rows);

@@ -9,7 +9,7 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tu
 
 from mr_damper import _native
 from mr_damper._errors import Error, UsageError, warn
-from mr_damper._results import frame
+from mr_damper._results import _embedded, frame
 from mr_damper.fleet import _store
 
 #: Share of a damper's windows at the begin, and at the end, that are compared.
@@ -72,7 +72,7 @@ class Ageing:
         pathlib.Path(path).write_text(self.to_html(), encoding="utf-8")
 
     def _repr_html_(self) -> str:
-        return f'<iframe srcdoc="{html.escape(self.to_html())}" style="width:100%;height:600px;border:0"></iframe>'
+        return _embedded(self.to_html())
 
 
 def ageing(out: Union[str, "os.PathLike[str]"], *, days_per_alarm: float = 1000.0) -> Ageing:
@@ -99,10 +99,7 @@ def ageing(out: Union[str, "os.PathLike[str]"], *, days_per_alarm: float = 1000.
     pa = _store.arrow()
     columns = {name: [row[name] for row in rows] for name in _COLUMNS}
     columns["changed_at"] = pa.array(columns["changed_at"], pa.timestamp("us", tz="UTC"))
-    path = pathlib.Path(out, "ageing.parquet")
-    new = path.with_suffix(".part")
-    pa.parquet.write_table(pa.table(columns), new, compression="zstd")
-    os.replace(new, path)
+    _store.write_whole(pathlib.Path(out, "ageing.parquet"), pa.table(columns))
     return Ageing(rows, series, days_per_alarm)
 
 
@@ -231,7 +228,8 @@ def _page(rows: Sequence[Dict[str, Any]], series: Sequence[_Series], days_per_al
         f"<h1>{len({row['damper'] for row, _ in changed})} of {len(dampers)} dampers have changed</h1>",
         f"<p>Data from {_time(begin):%Y-%m-%d} to {_time(end):%Y-%m-%d}: {sum(row['windows'] for row in rows)} values. "
         f"A damper without a change gives a false alarm once in {days_per_alarm:g} days at most, if its values scatter normally and "
-        f"independently about what the excitation explains. So up to {damper_days / days_per_alarm:.0f} of the dampers below, most of them with small changes, may not have changed.</p>",
+        f"independently about what the excitation explains. So up to {damper_days / days_per_alarm:.0f} of the dampers "
+        "below, most of them with small changes, may not have changed.</p>",
     ]
     for title, pairs in groups.items():
         parts.append(f"<h2>{title}: {len(pairs)}</h2>")

@@ -132,14 +132,18 @@ def is_made(path: pathlib.Path, key: str) -> bool:
 
 
 def write(path: pathlib.Path, table: str, rows: List[Dict[str, Any]], key: str) -> None:
-    """Writes the rows in place of the file that was there. A reader sees the old file or the new one, whole."""
-    pa = arrow()
+    """Writes the rows in place of the file that was there."""
     schema = _schema(table).with_metadata({_KEY: key.encode()})
     path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, arrow().Table.from_pylist(rows, schema=schema))
+
+
+def write_whole(path: pathlib.Path, table: Any) -> None:
+    """Writes a ``pyarrow.Table`` in place of the file that was there. A reader sees the old file or the new one, whole."""
     # Readers take files that end in .parquet. One that a dying worker leaves behind does not.
     new = path.with_name(f".{uuid.uuid4().hex}.part")
     try:
-        pa.parquet.write_table(pa.Table.from_pylist(rows, schema=schema), new, compression="zstd")
+        arrow().parquet.write_table(table, new, compression="zstd")
         os.replace(new, path)
     finally:
         new.unlink(missing_ok=True)

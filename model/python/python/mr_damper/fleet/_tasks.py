@@ -12,16 +12,17 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Opt
 
 from mr_damper import _native
 from mr_damper._errors import Error, UsageError
+from mr_damper._functions import _load_options
 from mr_damper._functions import close as close_one
 from mr_damper._model import DamperModel
-from mr_damper._options import LOAD_OPTIONS
-from mr_damper._runs import read_run
+from mr_damper._runs import check_load_options, read_run
 from mr_damper.fleet import _engine, _store
 from mr_damper.fleet._recordings import Recording, checked
 
 ModelLike = Union[DamperModel, str, "os.PathLike[str]"]
 Progress = Union[bool, Callable[[int, int], None], None]
 Rows = Dict[str, List[Dict[str, Any]]]
+Traces = Dict[str, Tuple[bytes, bytes]]
 
 #: Time by which the velocity of a region is taken to each side, s.
 _SIDE_S = 0.01
@@ -90,7 +91,8 @@ def evaluate(
         progress: ``True`` writes progress to stderr; a function receives the number of tasks done and of all tasks.
         options: how recordings are read; see :func:`mr_damper.read_runs`.
     """
-    options = {"velocities": _borders("velocities", velocities), "drives": _borders("drives", drives), "load": _load(options)}
+    check_load_options(options)
+    options = {"velocities": _borders("velocities", velocities), "drives": _borders("drives", drives), "load": options}
     return _run("evaluate", _by_day(recordings), _given(model), out, options, engine, retries, progress)
 
 
@@ -117,7 +119,8 @@ def effect_values(
         recordings, model, out, engine, retries, progress, options: as in :func:`evaluate`.
     """
     window = _number("window", window, 48.0, 86400.0)
-    given = {"window": window, "load": _load(options)}
+    check_load_options(options)
+    given = {"window": window, "load": options}
     return _run("effect_values", _by_day(recordings), _given(model), out, given, engine, retries, progress)
 
 
@@ -169,7 +172,7 @@ def close(
         out, engine, retries, progress: as in :func:`evaluate`.
         options: those of :func:`mr_damper.close`.
     """
-    load = {name: options.pop(name) for name in LOAD_OPTIONS if name in options}
+    load = _load_options(options)
     search, confirm = (_number("split", share, 0.01, 0.98) for share in split)
     if search + confirm > 0.99:
         why = "leaves no recording for the test; the shares must sum to less than 1"
@@ -186,12 +189,6 @@ def models(out: Union[str, "os.PathLike[str]"]) -> Dict[str, DamperModel]:
 
 
 # Planning
-
-
-def _load(options: Dict[str, Any]) -> Dict[str, Any]:
-    if unknown := set(options) - set(LOAD_OPTIONS):
-        raise TypeError(f"unknown options: {', '.join(sorted(unknown))}; known are {', '.join(LOAD_OPTIONS)}")
-    return options
 
 
 def _number(name: str, value: Any, low: float, high: float) -> float:
@@ -341,7 +338,8 @@ def _evaluate(task: _Task) -> Rows:
         [figures] = model.evaluate(run).to_dict()["runs"]
         if figures["free_run"] is None:
             raise Error(f"{path}: no sample has a measured force and a simulated one", "no_force", {"file": path})
-        time_ns = _begin_ns(run)
+        traces = run.traces()
+        time_ns = _begin_ns(traces)
         rows.append(
             {
                 "run": path,
@@ -357,27 +355,28 @@ def _evaluate(task: _Task) -> Rows:
                 "refused": figures["refused"],
             }
         )
-        regions.extend({"run": path, "time": time_ns, **region} for region in _regions(run, model.predictions(run), task.options))
+        found = _regions(traces, run.drive, model.predictions(run), task.options)
+        regions.extend({"run": path, "time": time_ns, **region} for region in found)
     return {"runs": rows, "residuals": regions}
 
 
-def _begin_ns(run: "_native.Run") -> int:
-    return int.from_bytes(run.traces()["displacement_m"][0][:8], sys.byteorder, signed=True)
+def _begin_ns(traces: Traces) -> int:
+    return int.from_bytes(traces["displacement_m"][0][:8], sys.byteorder, signed=True)
 
 
-def _regions(run: "_native.Run", predictions: Any, options: Dict[str, Any]) -> List[Dict[str, Any]]:
+def _regions(of_run: Traces, drive_name: Optional[str], predictions: Any, options: Dict[str, Any]) -> List[Dict[str, Any]]:
     """The residual in each region of velocity and drive that has samples."""
     import numpy as np
 
-    traces = {name: (np.frombuffer(at, "i8"), np.frombuffer(values, "f8")) for name, (at, values) in run.traces().items()}
+    traces = {name: (np.frombuffer(at, "i8"), np.frombuffer(values, "f8")) for name, (at, values) in of_run.items()}
     begin = predictions.time_ns[0]
     at_s = (predictions.time_ns - begin) * 1e-9
     stamps, displacement_m = traces["displacement_m"]
     moved_m = [np.interp(at_s + side, (stamps - begin) * 1e-9, displacement_m) for side in (-_SIDE_S, _SIDE_S)]
     velocity_m_s = (moved_m[1] - moved_m[0]) / (2.0 * _SIDE_S)
     drive = np.zeros_like(at_s)
-    if run.drive is not None:
-        held, values = traces[run.drive]
+    if drive_name is not None:
+        held, values = traces[drive_name]
         drive = values[np.clip(np.searchsorted(held, predictions.time_ns, side="right") - 1, 0, None)]
     known = np.isfinite(predictions.residual_n)
     edges = [np.array([-np.inf, *options[name], np.inf]) for name in ("velocities", "drives")]
@@ -422,7 +421,7 @@ def _effect_values(task: _Task) -> Rows:
 def _in_order(runs: "List[_native.Run]", day: datetime.date) -> "List[_native.Run]":
     """The runs of a day in the order of their stamps; runs whose stamps are of another day follow each other from the begin of the day on."""
     midnight_ns = int(datetime.datetime.combine(day, datetime.time(), datetime.timezone.utc).timestamp()) * 10**9
-    begins_ns = [_begin_ns(run) for run in runs]
+    begins_ns = [_begin_ns(run.traces()) for run in runs]
     if all(-_DAY_NS <= begin_ns - midnight_ns < 2 * _DAY_NS for begin_ns in begins_ns):
         order = sorted(range(len(runs)), key=begins_ns.__getitem__)
         for before, after in zip(order, order[1:]):
