@@ -7,12 +7,15 @@ Each namespace gets a TAP device (`near` 10.77.0.1, `far` 10.77.0.2, with the mu
 frames between the two. Faults apply only to IPv4/UDP, including fragments of datagrams: ARP always gets through, because one lost
 reply would act like a cut of a second. Commands are JSON lines on standard input; each replaces all current faults:
 
-    {"name": "rain", "loss": 0.2, "delay_ms": 5, "jitter_ms": 8, "duplicate": 0.1, "burst_every_s": 0.5, "burst_ms": 80, "cut": false}
+    {"name": "rain", "loss": 0.2, "delay_ms": 5, "jitter_ms": 8, "duplicate": 0.1, "burst_every_s": 0.5, "burst_ms": 80, "cut": false,
+     "keep_writers_in_order": false}
 
     loss, duplicate    probability for each frame, independently
     delay_ms           delay of every frame; jitter_ms: largest additional delay, drawn for each frame, so that frames overtake each other
     burst_every_s      mean time between bursts; in each burst all frames are lost for burst_ms
     cut                all frames are lost
+    keep_writers_in_order   frames with samples of one DDS writer never overtake each other, only frames of other writers: jitter alone
+                       reorders a topic as well if its sender, or this program, was delayed and two samples follow each other closely
 
 Each command is answered with a line {"event": "set", "name": ...}. When standard input closes, one line reports the numbers of
 frames carried, lost, repeated and overtaken, by name.
@@ -44,7 +47,10 @@ CLEAN = {
     "burst_every_s": 0.0,
     "burst_ms": 0.0,
     "cut": False,
+    "keep_writers_in_order": False,
 }
+# Identifier of the RTPS submessage that carries a sample.
+DATA = 0x15
 
 
 def fail(message):
@@ -58,6 +64,24 @@ def enter(path):
     with open(path, "rb") as space:
         if libc.setns(space.fileno(), CLONE_NEWNET) != 0:
             fail(f"{path}: {os.strerror(ctypes.get_errno())}; run this as root")
+
+
+def writer_of(frame):
+    """The DDS writer of the first sample in an unfragmented UDP frame, as bytes, or `None` if it carries none."""
+    datagram = frame[14 + 4 * (frame[14] & 0xF) + 8 :]
+    if datagram[:4] != b"RTPS":
+        return None
+    participant, at = datagram[8:20], 20
+    while at + 4 <= len(datagram):
+        kind, flags = datagram[at], datagram[at + 1]
+        length = int.from_bytes(datagram[at + 2 : at + 4], "little" if flags & 1 else "big")
+        if kind == DATA:
+            # Behind the header: two bytes of flags, two of an offset, and the reader's identifier.
+            return participant + datagram[at + 12 : at + 16]
+        if length == 0:
+            return None
+        at += 4 + length
+    return None
 
 
 def tap(pid, name, address):
@@ -83,6 +107,7 @@ class Wire:
         self.on_the_way = []
         self.number = 0
         self.latest = {}
+        self.latest_of_writer = {}
         self.burst_until = 0.0
         self.next_burst = float("inf")
         self.done = {}
@@ -122,7 +147,12 @@ class Wire:
             copies = 2
         for _ in range(copies):
             delay_ms = self.set["delay_ms"] + self.random.uniform(0.0, self.set["jitter_ms"])
-            self.send_later(frame, to, now + delay_ms * 1e-3, counts)
+            due = now + delay_ms * 1e-3
+            writer = writer_of(frame) if self.set["keep_writers_in_order"] else None
+            if writer is not None:
+                # Frames that are due at one time leave in the order in which they came.
+                due = self.latest_of_writer[writer] = max(due, self.latest_of_writer.get(writer, 0.0))
+            self.send_later(frame, to, due, counts)
 
     def send_later(self, frame, to, due, counts):
         counts["carried"] += 1

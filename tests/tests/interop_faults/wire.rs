@@ -58,9 +58,10 @@ fn delays_duplicates_and_reordering_between_topics_give_bit_identical_estimates(
             Err(why) => return Outcome::Missing(why),
         };
         let mut peer = FaultPeer::start(&far, "fault_peer", &["--rate", "20"]);
-        // Much less than the sample spacing of 50 ms, so that each topic keeps its order while topics
-        // overtake each other.
-        wire.command(r#"{"name": "crooked", "delay_ms": 20, "jitter_ms": 8, "duplicate": 0.2}"#);
+        // Each topic keeps its order while topics overtake each other.
+        wire.command(
+            r#"{"name": "crooked", "delay_ms": 20, "jitter_ms": 8, "duplicate": 0.2, "keep_writers_in_order": true}"#,
+        );
         peer.command("phase crooked");
         peer.command("send");
         std::thread::sleep(std::time::Duration::from_secs(if long() { 60 } else { 5 }));
