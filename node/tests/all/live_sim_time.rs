@@ -14,6 +14,7 @@ use mr_damper_node::settings::config::{Config, RosArgs, Value};
 use mr_damper_node::streams::player::Player;
 use ros2_client::NodeOptions;
 use std::net::{IpAddr, Ipv4Addr};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 fn simulated(domain: i64) -> Config {
@@ -105,6 +106,10 @@ fn samples_without_a_stamp_are_spread_between_clock_ticks_and_none_is_lost() {
         clock.publish(Clock { clock: time }).expect("sent");
     };
     // Simulated time runs at half the speed of system time, in steps of 10 ms with ten samples in each step.
+    // Before the first tick, the node does not know at which time such a sample was taken.
+    let unreadable = || service.counters().source.unreadable.load(Ordering::Relaxed);
+    displacement.publish(Float64 { data: 0.0 }).expect("sent");
+    wait_until("a sample before the first simulated time is not used", || unreadable() == 1);
     tick(1000);
     wait_until("simulated time at the node", || service.control().clock().now().is_some());
     let start = Instant::now();
@@ -128,6 +133,7 @@ fn samples_without_a_stamp_are_spread_between_clock_ticks_and_none_is_lost() {
         }
         estimates.len() + refused >= SAMPLES as usize
     });
+    assert_eq!(unreadable(), 1, "only the sample before the first simulated time");
     assert_eq!((estimates.len(), refused), (SAMPLES as usize, 0), "estimates, refused samples");
     assert!(estimates.iter().all(|e| (1.0..3.1).contains(&(e.stamp.nanos() as f64 * 1e-9))), "simulated");
     let mut steps_ms: Vec<f64> =

@@ -11,7 +11,7 @@
 
 use super::collate::Collator;
 use super::input::{CarriesNumber, Number, ReadNumber, TOPICS, is_estimated_from, joint_of, of_joint};
-use super::stamp::{SampleOrigin, Stamper, Ticks, Times};
+use super::stamp::{NodeTime, SampleOrigin, Stamper, Ticks, Times};
 use super::writers::Writers;
 use crate::estimation::control::Control;
 use crate::estimation::estimator::SampleSink;
@@ -65,7 +65,8 @@ pub struct OtherInputs {
 pub struct SourceCounters {
     /// Received messages.
     pub messages: AtomicU64,
-    /// Messages that could not be used (broken CDR, a missing joint, a malformed rmw_zenoh message).
+    /// Messages that could not be used (broken CDR, a missing joint, a malformed rmw_zenoh message, no stamp before the
+    /// first `/clock`).
     pub unreadable: AtomicU64,
     /// Displacements that were passed on without an input of the same stamp, after waiting for it.
     pub incomplete: AtomicU64,
@@ -94,6 +95,9 @@ struct InputChannel {
     sign: f64,
     offset: f64,
 }
+
+/// Why a sample without stamp cannot be used before the first simulated time.
+const UNTIMED: &str = "it has no stamp, and no time has arrived on /clock";
 
 /// State that is kept per channel.
 #[derive(Default)]
@@ -277,6 +281,7 @@ struct PollingRound<'a> {
     channels: &'a [InputChannel],
     histories: &'a mut [ChannelHistory],
     frame: &'a Frame,
+    counters: &'a SourceCounters,
     batch: &'a mut Vec<Sample>,
     times: Times,
     received: Stamp,
@@ -290,12 +295,27 @@ impl PollingRound<'_> {
         past.writers.note(origin.writer, self.began);
         let stamp = match number.stamp_ns {
             0 => past.stamper.stamp(channel.topic, origin, &self.times),
-            stamp_ns => Stamp::from_nanos(stamp_ns),
+            stamp_ns => Some(Stamp::from_nanos(stamp_ns)),
+        };
+        let Some(stamp) = stamp else {
+            self.counters.note_unreadable(channel.topic, UNTIMED);
+            return;
         };
         if index == 0 {
             self.frame.observe(&number.frame_id);
         }
         self.batch.push(channel.sample(stamp, number.value, self.received));
+    }
+
+    /// Takes a demanded force that came by Zenoh.
+    fn take_force(&mut self, stamp: Option<Stamp>, force: Newton) {
+        let (received, reading) = (self.received, Reading::ForceRequest(force));
+        match stamp {
+            None if matches!(self.times.node, NodeTime::Awaited) => {
+                self.counters.note_unreadable("force_request", UNTIMED);
+            }
+            stamp => self.batch.push(Sample { stamp: stamp.unwrap_or(received), received, reading }),
+        }
     }
 
     fn is_full(&self) -> bool {
@@ -314,15 +334,19 @@ impl SourceThread {
         let (mut ticks, mut updated) = (Ticks::default(), Instant::now());
         while !stop.is_raised() {
             observe_clock(&clock, &control, &mut ticks);
-            // Samples before the first simulated time get the system's time of reception.
             let (wall, received) = (system_now(), time.now_or_system());
-            let simulated = time.now().filter(|_| time.is_simulated()).map(|now| ticks.at(now));
+            let node = match time.now() {
+                _ if !time.is_simulated() => NodeTime::System,
+                Some(now) => NodeTime::Simulated(ticks.at(now)),
+                None => NodeTime::Awaited,
+            };
             let mut round = PollingRound {
                 channels: &channels,
                 histories: &mut histories,
                 frame: &frame,
+                counters: &counters,
                 batch: &mut batch,
-                times: Times { wall, simulated },
+                times: Times { wall, node },
                 received,
                 began: Instant::now(),
             };
@@ -355,8 +379,7 @@ impl SourceThread {
             while !round.is_full()
                 && let Ok((stamp, force)) = others.forces.pop()
             {
-                let reading = Reading::ForceRequest(force);
-                round.batch.push(Sample { stamp: stamp.unwrap_or(received), received, reading });
+                round.take_force(stamp, force);
             }
             let now = round.began;
             let mut counting =

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | the system's | the time of sending |
 //! | simulated | the previous stamp, plus the time between the two sendings at the rate of the simulation; near `/clock` |
+//! | simulated, before the first `/clock` | none: the sample has no time, so it cannot be used |
 //!
 //! The time of sending is the one given by the publisher's middleware. If it is missing, or off by more than
 //! [`CLOCK_OFF_S`] (a computer whose clock was never set), the time of reception is used instead. A smaller offset is
@@ -52,8 +53,19 @@ pub(super) struct SampleOrigin {
 pub(super) struct Times {
     /// By the system's clock.
     pub(super) wall: Stamp,
-    /// The time of `/clock`, if the node follows it and it has arrived.
-    pub(super) simulated: Option<Simulated>,
+    /// By the node's clock.
+    pub(super) node: NodeTime,
+}
+
+/// The time of the node's clock.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum NodeTime {
+    /// The node uses the system's clock.
+    System,
+    /// The node follows `/clock`, on which nothing has arrived yet.
+    Awaited,
+    /// The time of `/clock`.
+    Simulated(Simulated),
 }
 
 /// Simulated time and its rate.
@@ -121,12 +133,13 @@ pub(super) struct Stamper {
 }
 
 impl Stamper {
-    /// The stamp for a sample of `topic` that arrived without one.
-    pub(super) fn stamp(&mut self, topic: &str, origin: &SampleOrigin, times: &Times) -> Stamp {
+    /// The stamp for a sample of `topic` that arrived without one. `None` before the first `/clock`.
+    pub(super) fn stamp(&mut self, topic: &str, origin: &SampleOrigin, times: &Times) -> Option<Stamp> {
         let sent_ns = self.sent_ns(topic, origin, times.wall);
-        let stamp = match times.simulated {
-            Some(simulated) => self.near_tick(sent_ns, simulated),
-            None => {
+        let stamp = match times.node {
+            NodeTime::Awaited => return None,
+            NodeTime::Simulated(simulated) => self.near_tick(sent_ns, simulated),
+            NodeTime::System => {
                 if self.tick.take().is_some() {
                     self.last = None;
                 }
@@ -138,7 +151,7 @@ impl Stamper {
             _ => stamp,
         };
         self.last = Some((sent_ns, stamp));
-        stamp
+        Some(stamp)
     }
 
     /// The time of sending of a sample, ns, or the time of reception if the former is not credible.
@@ -191,10 +204,10 @@ mod tests {
     /// The stamps of samples with these times of sending and reception, polled at one time; in ns after `NOW_NS`.
     fn stamps(samples: &[(Option<i64>, i64)]) -> Vec<i64> {
         let mut stamper = Stamper::default();
-        let times = Times { wall: Stamp::from_nanos(NOW_NS + 5_000_000), simulated: None };
+        let times = Times { wall: Stamp::from_nanos(NOW_NS + 5_000_000), node: NodeTime::System };
         let stamp = |(sent, arrived): &(Option<i64>, i64)| {
             let origin = origin(sent.map(|ns| NOW_NS + ns), NOW_NS + arrived);
-            stamper.stamp("displacement", &origin, &times).nanos() - NOW_NS
+            stamper.stamp("displacement", &origin, &times).expect("a stamp").nanos() - NOW_NS
         };
         samples.iter().map(stamp).collect()
     }
@@ -248,8 +261,10 @@ mod tests {
                 ticks.observe(tick, at(ms));
             }
             let now = Stamp::from_nanos(1_000_000_000 + ms / every_ms * step_ms * 1_000_000);
-            let times = Times { wall: Stamp::from_nanos(at(ms + 1)), simulated: Some(ticks.at(now)) };
-            let stamp = stamper.stamp("displacement", &origin(Some(at(ms)), at(ms)), &times);
+            let times =
+                Times { wall: Stamp::from_nanos(at(ms + 1)), node: NodeTime::Simulated(ticks.at(now)) };
+            let stamp =
+                stamper.stamp("displacement", &origin(Some(at(ms)), at(ms)), &times).expect("a stamp");
             stamps.push((stamp.nanos() - 1_000_000_000) as f64 * 1e-6);
         }
         stamps
@@ -266,6 +281,22 @@ mod tests {
     }
 
     #[test]
+    fn a_sample_before_the_first_simulated_time_has_no_stamp_and_leaves_no_trace() {
+        let mut stamper = Stamper::default();
+        let mut stamp = |ms: i64, node| {
+            let sent_ns = NOW_NS + ms * 1_000_000;
+            let times = Times { wall: Stamp::from_nanos(sent_ns), node };
+            stamper.stamp("displacement", &origin(Some(sent_ns), sent_ns), &times)
+        };
+        assert_eq!(stamp(0, NodeTime::Awaited), None);
+        let mut ticks = Ticks::default();
+        ticks.observe(Stamp::from_nanos(0), NOW_NS + 500_000);
+        let tick = NodeTime::Simulated(ticks.at(Stamp::from_nanos(0)));
+        assert_eq!(stamp(1, tick), Some(Stamp::from_nanos(0)));
+        assert_eq!(stamp(2, tick), Some(Stamp::from_nanos(1_000_000)));
+    }
+
+    #[test]
     fn no_sample_is_lost_when_simulated_time_stands_still_or_goes_back() {
         let mut stamper = Stamper::default();
         let tick = |s: i64| Stamp::from_nanos(s * 1_000_000_000);
@@ -274,8 +305,8 @@ mod tests {
         ticks.observe(tick(10), NOW_NS + 1_000_000_000);
         let mut stamp = |now: Stamp, ms: i64, ticks: &Ticks| {
             let sent_ns = NOW_NS + ms * 1_000_000;
-            let times = Times { wall: Stamp::from_nanos(sent_ns), simulated: Some(ticks.at(now)) };
-            stamper.stamp("displacement", &origin(Some(sent_ns), sent_ns), &times)
+            let times = Times { wall: Stamp::from_nanos(sent_ns), node: NodeTime::Simulated(ticks.at(now)) };
+            stamper.stamp("displacement", &origin(Some(sent_ns), sent_ns), &times).expect("a stamp")
         };
         let stood: Vec<Stamp> = (0..5).map(|s| stamp(tick(10), 1000 + s * 1000, &ticks)).collect();
         assert!(stood.is_sorted_by(|a, b| a < b), "{stood:?}");
