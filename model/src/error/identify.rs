@@ -290,6 +290,17 @@ pub enum IdentifyError {
         /// The shape.
         shape: &'static str,
     },
+    /// The simulation of the identified model does not stay finite over the range of its runs.
+    #[error(
+        "the identified {model} model is not kept: {sine}, its simulation does not stay finite; add runs with this motion, or identify \
+         another model"
+    )]
+    Diverges {
+        /// Name of the structure.
+        model: &'static str,
+        /// The sine on which it diverges, as text.
+        sine: String,
+    },
     /// Every start of the search failed.
     #[error("no restart had a finite error; check the runs for extreme values")]
     NoFiniteError,

@@ -169,6 +169,11 @@ impl Dataset {
             rows.extend_from_slice(&group[from..(from + STRETCH).min(group.len())]);
             rows[first].dt_s = None;
         }
+        self.with_rows(rows)
+    }
+
+    /// The same run with other rows.
+    pub(super) fn with_rows(&self, rows: Vec<Row>) -> Self {
         Self { rows, ..self.clone_without_rows() }
     }
 

@@ -3,10 +3,12 @@
 use super::dataset::{self, Dataset};
 use super::free_sets;
 use super::levels::Memberships;
-use super::report::{self, Details, Identified, names_of_copies};
+use super::report::{self, Details, Identified, WithoutPrior, names_of_copies};
+use super::row_problem::{Prior, Training};
 use super::spec::{ModelSpec, Structure, Variant};
+use super::swept::SweptFaultKind;
 use super::tsk::{TskOptions, fit_tsk};
-use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, maxwell_slip, network, tsk};
+use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, maxwell_slip, network, prior, tsk};
 use crate::condition::Conditioning;
 use crate::effect::Effects;
 use crate::error::{Error, IdentifyError};
@@ -28,29 +30,44 @@ pub(super) fn fit(
 ) -> Result<Identified, Error> {
     let all = datasets;
     let options = &of_variant(spec, options);
-    let job = Job { spec, drive, datasets: &shortened(spec, all, options), options, watch };
-    let (force, offsets_n, mut details) = match spec.structure() {
-        Structure::Phase => return Err(cannot_run()),
-        Structure::Arx => job.arx(ArxShape::PLAIN)?,
-        Structure::ArxDelayed => job.arx(ArxShape::DELAYED)?,
-        Structure::Savaresi => job.arx(ArxShape::SAVARESI)?,
-        Structure::Lpv => job.lpv()?,
-        Structure::FuzzyTanh => job.fuzzy_tanh()?,
-        Structure::MaxwellSlip => job.maxwell_slip()?,
-        Structure::Law(law) => job.law(law)?,
-        Structure::Tsk(kind) => job.tsk(kind)?,
-        Structure::Boada => job.lazy()?,
-        Structure::Network(structure) => job.network(structure)?,
-    };
-    if let Some(level) = job.only_level().filter(|_| force.drive().is_some()) {
-        let drive = force.drive().map_or("the drive", DriveKind::name);
-        details.warnings.push(format!(
-            "the runs hold one level of {drive}, {level:.3}: the model is valid at this level only; \
-             add runs at other levels, or use a passive form"
-        ));
+    let job = Job { spec, drive, datasets: &shortened(spec, all, options), prior: None, options, watch };
+    let found = job.identified(all)?;
+    if found.faults().is_empty() || !job.takes_prior() {
+        return physical(found);
     }
-    let model = model(force, all[0].conditioning, all);
-    Ok(report::assemble(model, all, &offsets_n, details))
+    let Some(prior) = prior::prior(job.datasets, drive, options.seed, watch)? else { return physical(found) };
+    let again = Job { prior: Some(&prior), ..job }.identified(all)?;
+    if !prior::is_better(&again, &found) {
+        return physical(found);
+    }
+    let without_prior = WithoutPrior {
+        model: Box::new(found.model),
+        faults: found.faults().to_vec(),
+        free_run: found.free_run,
+    };
+    physical(Identified { without_prior: Some(without_prior), ..again })
+}
+
+/// The result with warnings about its faults, unless its simulation does not stay finite. A model that uses measured force may
+/// diverge in simulation and still predict one step ahead.
+fn physical(mut found: Identified) -> Result<Identified, Error> {
+    let Some(swept) = &found.swept else { return Ok(found) };
+    if let Some(fault) = swept.faults.iter().find(|fault| fault.kind == SweptFaultKind::Diverges) {
+        return Err(IdentifyError::Diverges {
+            model: found.model.force.name(),
+            sine: fault.sine.to_string(),
+        }
+        .into());
+    }
+    found.warnings.extend(found.without_prior.as_ref().map(ToString::to_string));
+    found.warnings.extend(swept.faults.first().map(|first| {
+        let others = match swept.faults.len() - 1 {
+            0 => String::new(),
+            others => format!(" (and at {others} of {} other sines)", swept.sines.len() - 1),
+        };
+        format!("{first}{others}; add runs with this motion")
+    }));
+    Ok(found)
 }
 
 /// How well a model of this kind fits `datasets`: mean NMSE of the runs after a few restarts.
@@ -61,7 +78,7 @@ pub(super) fn sample_esr(
     options: &Options,
     watch: &Watch,
 ) -> Result<f64, Error> {
-    let job = Job { spec, drive, datasets, options, watch };
+    let job = Job { spec, drive, datasets, prior: None, options, watch };
     match (spec.structure(), drive) {
         (Structure::Law(law), _) => {
             let (dependence, _) = job.dependence()?;
@@ -87,15 +104,54 @@ fn of_variant(spec: ModelSpec, options: &Options) -> Cow<'_, Options> {
 }
 
 /// The inputs of a fit.
+#[derive(Clone, Copy)]
 struct Job<'a> {
     spec: ModelSpec,
     drive: Option<DriveKind>,
     datasets: &'a [Dataset],
+    prior: Option<&'a Prior>,
     options: &'a Options,
     watch: &'a Watch<'a>,
 }
 
 impl Job<'_> {
+    /// True if a prior can be added to the fit.
+    fn takes_prior(&self) -> bool {
+        let structure = self.spec.structure();
+        matches!(structure, Structure::FuzzyTanh | Structure::MaxwellSlip | Structure::Law(_))
+            && self.spec.variant() != Some(Variant::Swarm)
+    }
+
+    /// The fitted model with its errors on `all` rows.
+    fn identified(&self, all: &[Dataset]) -> Result<Identified, Error> {
+        let (force, offsets_n, mut details) = match self.spec.structure() {
+            Structure::Phase => return Err(cannot_run()),
+            Structure::Arx => self.arx(ArxShape::PLAIN)?,
+            Structure::ArxDelayed => self.arx(ArxShape::DELAYED)?,
+            Structure::Savaresi => self.arx(ArxShape::SAVARESI)?,
+            Structure::Lpv => self.lpv()?,
+            Structure::FuzzyTanh => self.fuzzy_tanh()?,
+            Structure::MaxwellSlip => self.maxwell_slip()?,
+            Structure::Law(law) => self.law(law)?,
+            Structure::Tsk(kind) => self.tsk(kind)?,
+            Structure::Boada => self.lazy()?,
+            Structure::Network(structure) => self.network(structure)?,
+        };
+        if let Some(level) = self.only_level().filter(|_| force.drive().is_some()) {
+            let drive = force.drive().map_or("the drive", DriveKind::name);
+            details.warnings.push(format!(
+                "the runs hold one level of {drive}, {level:.3}: the model is valid at this level only; \
+             add runs at other levels, or use a passive form"
+            ));
+        }
+        let model = model(force, all[0].conditioning, all);
+        Ok(report::assemble(model, all, &offsets_n, details))
+    }
+
+    fn training(&self) -> Training<'_> {
+        Training { runs: self.datasets, prior: self.prior }
+    }
+
     fn arx(&self, shape: ArxShape) -> Result<Fitted, Error> {
         let recursively = self.spec.variant() == Some(Variant::Recursive);
         let fitted = arx::fit(self.datasets, shape, self.drive, recursively, self.watch)?;
@@ -129,9 +185,9 @@ impl Job<'_> {
         let (fitted, names) = if self.spec.form() == Form::FreeFuzzy {
             let names = [names, free_sets::names(&memberships.sets)].concat();
             let levels = self.levels(kind);
-            (fuzzy_tanh::fit_free(self.datasets, &memberships, levels, self.options, self.watch)?, names)
+            (fuzzy_tanh::fit_free(self.training(), &memberships, levels, self.options, self.watch)?, names)
         } else {
-            (fuzzy_tanh::fit(self.datasets, memberships, self.options, self.watch)?, names)
+            (fuzzy_tanh::fit(self.training(), memberships, self.options, self.watch)?, names)
         };
         let details = Details::of(&fitted.found, &names).with_memberships(Some(fitted.memberships));
         Ok((ForceModel::FuzzyTanh(fitted.model), fitted.found.offsets_n, details))
@@ -139,7 +195,7 @@ impl Job<'_> {
 
     fn maxwell_slip(&self) -> Result<Fitted, Error> {
         let memberships = self.drive.map(|kind| self.memberships(kind)).transpose()?;
-        let fitted = maxwell_slip::fit(self.datasets, memberships.as_ref(), self.watch)?;
+        let fitted = maxwell_slip::fit(self.training(), memberships.as_ref(), self.watch)?;
         let details =
             Details { converged: fitted.converged, ..Details::default() }.with_memberships(memberships);
         Ok((ForceModel::MaxwellSlip(fitted.model), fitted.offsets_n, details))
@@ -156,14 +212,14 @@ impl Job<'_> {
                 names.extend(free_sets::names(&start.sets));
                 let levels = self.levels(start.sets.drive());
                 let (model, found, sets) =
-                    law::fit_free(self.datasets, law, start.sets, levels, self.options, self.watch)?;
+                    law::fit_free(self.training(), law, start.sets, levels, self.options, self.watch)?;
                 memberships = Some(sets);
                 (model, found)
             }
             _ if self.spec.variant() == Some(Variant::Swarm) => {
                 law::fit_by_swarm(self.datasets, law, dependence, self.options, self.watch)?
             }
-            _ => law::fit(self.datasets, law, dependence, self.options, self.watch)?,
+            _ => law::fit(self.training(), law, dependence, self.options, self.watch)?,
         };
         let mut details = Details::of(&found, &names).with_memberships(memberships);
         details.warnings.extend(self.lowered_degree(&dependence));

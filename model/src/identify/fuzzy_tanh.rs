@@ -3,7 +3,7 @@
 use super::dataset::Dataset;
 use super::free_sets::FreeSets;
 use super::levels::Memberships;
-use super::row_problem::Columns;
+use super::row_problem::{Columns, Training};
 use super::scales::Scales;
 use super::search::{self, Found, SearchedModel};
 use super::tanh_columns::{PER_FUNCTION, TanhColumns};
@@ -25,16 +25,17 @@ pub(super) struct Fitted {
     pub(super) found: Found,
 }
 
-/// Fits the model to `datasets`, whose drive is of the memberships' kind.
+/// Fits the model to `training`, whose drive is of the memberships' kind.
 pub(super) fn fit(
-    datasets: &[Dataset],
+    training: Training,
     memberships: Memberships,
     options: &Options,
     watch: &Watch,
 ) -> Result<Fitted, Error> {
+    let datasets = training.runs;
     let searched = tanh_columns(datasets, &memberships)?;
     memberships.check_support(datasets, PER_FUNCTION)?;
-    let found = search::search(datasets, &searched, options, watch)?;
+    let found = search::search(training, &searched, options, watch)?;
     let model = model(datasets, &memberships, &found.natural, &found)?;
     Ok(Fitted { model, memberships, found })
 }
@@ -42,15 +43,16 @@ pub(super) fn fit(
 /// As [`fit`], with free centres and widths, starting from `start`. The drive takes `levels` discrete values,
 /// or `None` if it varies continuously.
 pub(super) fn fit_free(
-    datasets: &[Dataset],
+    training: Training,
     start: &Memberships,
     levels: Option<usize>,
     options: &Options,
     watch: &Watch,
 ) -> Result<Fitted, Error> {
+    let datasets = training.runs;
     let searched = FreeSets::new(tanh_columns(datasets, start)?, start.sets, levels)?;
     start.check_support(datasets, PER_FUNCTION)?;
-    let found = search::search(datasets, &searched, options, watch)?;
+    let found = search::search(training, &searched, options, watch)?;
     let memberships = searched.found(&found.natural)?;
     let model = model(datasets, &memberships, searched.own(&found.natural), &found)?;
     Ok(Fitted { model, memberships, found })

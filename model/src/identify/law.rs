@@ -18,7 +18,7 @@
 use super::dataset::Dataset;
 use super::free_sets::{Blended, FreeSets};
 use super::levels::Memberships;
-use super::row_problem::Columns;
+use super::row_problem::{Columns, Training};
 use super::scales::Scales;
 use super::search::{self, Found, SearchedModel};
 use super::swarm::{self, Swarmed};
@@ -27,6 +27,7 @@ use super::{Options, Watch};
 use crate::error::{Error, IdentifyError};
 use crate::force::law::{Hidden, Kind, MAX_HIDDEN, MAX_PARAMETERS, Sensitivity};
 use crate::force::{Dependence, ForceLaw, FuzzySets, Inputs, LawModel, MAX_FUNCTIONS};
+use crate::sample::DriveKind;
 
 /// Share of a gauge parameter's constant that each higher power may add over the range of the drive, so that
 /// the sum stays away from zero.
@@ -36,23 +37,39 @@ const ROWS_PER_PARAMETER: usize = 10;
 /// Spread of the sets' starting values around a common value, as a share of the range of starting values.
 const SPREAD: f64 = 0.15;
 
-/// Fits `law` with `dependence` to `datasets`.
+/// Fits `law` with `dependence` to `training`.
 pub(super) fn fit(
-    datasets: &[Dataset],
+    training: Training,
     law: ForceLaw,
     dependence: Dependence,
     options: &Options,
     watch: &Watch,
 ) -> Result<(LawModel, Found), Error> {
+    let datasets = training.runs;
     let scales = Scales::of(datasets)?;
-    let mut searched = LawColumns { law, dependence, scales, seed: None };
+    let mut searched = LawColumns { law, dependence, scales, seed: None, grows: false };
     check_rows(datasets, law, searched.parameters())?;
     if let (Dependence::Fuzzy(sets), true) = (dependence, law.has_memory()) {
         searched.seed = Some(seed(datasets, law, &sets, scales, options, watch)?);
     }
-    let found = search::search(datasets, &searched, options, watch)?;
+    let found = search::search(training, &searched, options, watch)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
     Ok((LawModel::new(law, dependence, &found.natural, offset_n)?, found))
+}
+
+/// A step and a viscous damping that both grow with the drive, in proportion or with a constant part: what is known of every
+/// damper. For runs without drive, both are constant.
+pub(super) fn fit_growing(
+    datasets: &[Dataset],
+    drive: Option<DriveKind>,
+    options: &Options,
+    watch: &Watch,
+) -> Result<LawModel, Error> {
+    let law = ForceLaw::Sp;
+    let dependence = drive.map_or(Dependence::None, |drive| Dependence::Polynomial { drive, degree: 1 });
+    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None, grows: true };
+    let found = search::search(datasets, &searched, options, watch)?;
+    LawModel::new(law, dependence, &found.natural, super::mean_offset(datasets, &found.offsets_n))
 }
 
 /// Fits `law` with `dependence` (none, or polynomials) to `datasets` by a particle swarm.
@@ -63,7 +80,7 @@ pub(super) fn fit_by_swarm(
     options: &Options,
     watch: &Watch,
 ) -> Result<(LawModel, Found), Error> {
-    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None };
+    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None, grows: false };
     check_rows(datasets, law, searched.parameters())?;
     let found = swarm::search(datasets, &searched, options, watch)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
@@ -82,7 +99,7 @@ fn seed(
     watch: &Watch,
 ) -> Result<Seed, Error> {
     let dependence = Dependence::Polynomial { drive: sets.drive(), degree: 1 };
-    let lines = LawColumns { law, dependence, scales, seed: None };
+    let lines = LawColumns { law, dependence, scales, seed: None, grows: false };
     let found = search::search(datasets, &lines, options, watch)?;
     let mut seed = [[0.0; MAX_PARAMETERS]; MAX_FUNCTIONS];
     for (own, centre) in seed.iter_mut().zip(sets.centres()) {
@@ -94,18 +111,24 @@ fn seed(
 /// Fits `law` under fuzzy sets with free centres and widths, starting from `start`. The drive takes `levels`
 /// discrete values, or `None` if it varies continuously.
 pub(super) fn fit_free(
-    datasets: &[Dataset],
+    training: Training,
     law: ForceLaw,
     start: FuzzySets,
     levels: Option<usize>,
     options: &Options,
     watch: &Watch,
 ) -> Result<(LawModel, Found, Memberships), Error> {
-    let inner =
-        LawColumns { law, dependence: Dependence::Fuzzy(start), scales: Scales::of(datasets)?, seed: None };
+    let datasets = training.runs;
+    let inner = LawColumns {
+        law,
+        dependence: Dependence::Fuzzy(start),
+        scales: Scales::of(datasets)?,
+        seed: None,
+        grows: false,
+    };
     let searched = FreeSets::new(inner, start, levels)?;
     check_rows(datasets, law, searched.parameters())?;
-    let found = search::search(datasets, &searched, options, watch)?;
+    let found = search::search(training, &searched, options, watch)?;
     let memberships = searched.found(&found.natural)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
     let dependence = Dependence::Fuzzy(memberships.sets);
@@ -138,7 +161,7 @@ pub(super) fn sample_esr(
     seed: u64,
     watch: &Watch,
 ) -> Result<f64, Error> {
-    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None };
+    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None, grows: false };
     search::sample_esr(datasets, &searched, seed, watch)
 }
 
@@ -153,6 +176,8 @@ pub(super) struct LawColumns {
     scales: Scales,
     /// The starting point, if it is known.
     seed: Option<Seed>,
+    /// True if no linear parameter, nor its change with the drive, is below zero.
+    grows: bool,
 }
 
 impl LawColumns {
@@ -318,6 +343,7 @@ impl SearchedModel for LawColumns {
                         [-width, width]
                     }
                 };
+                let low = if self.grows && parameter.kind == Kind::Linear { low.max(0.0) } else { low };
                 let power = if constant { 0 } else { copy as i32 };
                 let size = size / self.scales.drive.powi(power);
                 all.push([low * size, high * size]);
@@ -432,7 +458,7 @@ mod tests {
         for law in ForceLaw::ALL {
             let drawn = law.parameters().iter().filter(is_drawn).count();
             for (dependence, copies) in [(Dependence::None, 1), (Dependence::Fuzzy(sets), sets.len())] {
-                let searched = LawColumns { law, dependence, scales: SCALES, seed: None };
+                let searched = LawColumns { law, dependence, scales: SCALES, seed: None, grows: false };
                 let middle = shares(&searched, 0, &mut random);
                 assert_eq!(middle.len(), copies * drawn, "{law:?}");
                 assert!(middle.iter().all(|share| (share - 0.5).abs() < 1e-9), "{law:?}: {middle:?}");

@@ -21,6 +21,7 @@ use super::Watch;
 use super::dataset::{Dataset, Row};
 use super::levels::Memberships;
 use super::nonnegative;
+use super::row_problem::{Prior, Training};
 use super::scales::Scales;
 use super::score::score;
 use crate::condition::{ApplyTo, LowPass, LowPassState};
@@ -54,17 +55,17 @@ pub(super) struct Fitted {
     pub(super) converged: bool,
 }
 
-/// Fits the model to `datasets`; without `memberships` it has no drive.
+/// Fits the model to `training`; without `memberships` it has no drive.
 pub(super) fn fit(
-    datasets: &[Dataset],
+    training: Training,
     memberships: Option<&Memberships>,
     watch: &Watch,
 ) -> Result<Fitted, Error> {
     if let Some(memberships) = memberships {
-        memberships.check_support(datasets, SLIP_COEFFICIENTS)?;
+        memberships.check_support(training.runs, SLIP_COEFFICIENTS)?;
     }
-    let design = Design { grid: grid(&Scales::of(datasets)?)?, sets: memberships.map(|m| m.sets) };
-    design.fit(datasets, RIDGE, watch)
+    let design = Design { grid: grid(&Scales::of(training.runs)?)?, sets: memberships.map(|m| m.sets) };
+    design.fit(training, RIDGE, watch)
 }
 
 /// Mean of the runs' NMSE of the fitted model in simulation, without each run's offset.
@@ -73,7 +74,7 @@ pub(super) fn mean_esr(
     memberships: Option<&Memberships>,
     watch: &Watch,
 ) -> Result<f64, Error> {
-    let fitted = fit(datasets, memberships, watch)?;
+    let fitted = fit(datasets.into(), memberships, watch)?;
     let model = Augmented::unchecked(ForceModel::MaxwellSlip(fitted.model), Effects::NONE);
     let esr = |dataset: &Dataset| -> Result<f64, Error> {
         Ok(score(&model, dataset, watch)?.free_run_without_offset.map_or(f64::INFINITY, |fit| fit.esr))
@@ -131,8 +132,8 @@ impl Design {
         }
     }
 
-    fn fit(&self, datasets: &[Dataset], ridge: f64, watch: &Watch) -> Result<Fitted, Error> {
-        let n = self.width();
+    fn fit(&self, training: Training, ridge: f64, watch: &Watch) -> Result<Fitted, Error> {
+        let (n, datasets) = (self.width(), training.runs);
         let of_runs: Vec<Sums> = datasets.par_iter().map(|dataset| self.sums(dataset, watch)).collect();
         if watch.is_cancelled() {
             return Err(Error::Cancelled);
@@ -153,7 +154,12 @@ impl Design {
         let mut squares = DVector::<f64>::zeros(n);
         for sums in &of_runs {
             squares += sums.square.diagonal();
-            sums.add_centred(&mut square, &mut right);
+            sums.add_centred(1.0, &mut square, &mut right);
+        }
+        if let Some(Prior { run, weight }) = training.prior {
+            let sums = self.sums(run, watch);
+            squares += *weight * sums.square.diagonal();
+            sums.add_centred(*weight, &mut square, &mut right);
         }
         square.fill_lower_triangle_with_upper_triangle();
         for j in 0..n {
@@ -293,15 +299,15 @@ impl Sums {
         }
     }
 
-    /// Adds the sums of the rows without their means.
-    fn add_centred(&self, square: &mut DMatrix<f64>, right: &mut DVector<f64>) {
+    /// Adds the sums of the rows, of this `weight` each, without their means.
+    fn add_centred(&self, weight: f64, square: &mut DMatrix<f64>, right: &mut DVector<f64>) {
         if self.rows == 0 {
             return;
         }
-        let share = 1.0 / self.rows as f64;
-        *square += &self.square;
+        let share = weight / self.rows as f64;
+        *square += weight * &self.square;
         square.ger(-share, &self.columns, &self.columns, 1.0);
-        *right += &self.right;
+        *right += weight * &self.right;
         right.axpy(-share * self.force_n, &self.columns, 1.0);
     }
 
@@ -396,7 +402,7 @@ mod tests {
                 dataset(&truth, phase, if phase < 1.0 { offsets_n[0] } else { offsets_n[1] }, apply_to)
             });
             let design = Design { grid: *truth.grid(), sets: truth.sets().copied() };
-            let found = design.fit(&datasets, 1e-12, &Watch::none()).expect("a fit");
+            let found = design.fit(Training::from(&datasets[..]), 1e-12, &Watch::none()).expect("a fit");
             assert!(found.converged);
             for (own, expected) in found.model.functions().iter().zip(truth.functions()) {
                 // The common part of the set offsets belongs to the offsets of the runs.
@@ -418,11 +424,28 @@ mod tests {
     }
 
     #[test]
+    fn a_prior_of_full_weight_is_one_more_run() {
+        let truth = truth();
+        let datasets = [0.3, 1.7].map(|phase| dataset(&truth, phase, 0.0, ApplyTo::None));
+        let design = Design { grid: *truth.grid(), sets: truth.sets().copied() };
+        let fitted = |training: Training| design.fit(training, RIDGE, &Watch::none()).expect("a fit");
+        let runs = fitted(Training::from(&datasets[..]));
+        let prior = Prior { run: datasets[1].clone(), weight: 1.0 };
+        let with_prior = fitted(Training { runs: &datasets[..1], prior: Some(&prior) });
+        for (a, b) in runs.model.functions().iter().zip(with_prior.model.functions()) {
+            for (a, b) in a.coefficients().iter().zip(b.coefficients()) {
+                assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{a} {b}");
+            }
+        }
+        assert_eq!(with_prior.offsets_n.len(), 1);
+    }
+
+    #[test]
     fn the_ridge_hardly_changes_the_force() {
         let truth = truth();
         let datasets = [0.3, 1.7].map(|phase| dataset(&truth, phase, 0.0, ApplyTo::None));
         let design = Design { grid: *truth.grid(), sets: truth.sets().copied() };
-        let found = design.fit(&datasets, RIDGE, &Watch::none()).expect("a fit").model;
+        let found = design.fit(Training::from(&datasets[..]), RIDGE, &Watch::none()).expect("a fit").model;
         let (mut sum, mut states) = (ErrorSum::default(), [SlipState::default(); 2]);
         for row in &dataset(&truth, 4.1, 0.0, ApplyTo::None).rows {
             let expected_n = truth.force_n(&row.inputs(), &mut states[0]);
@@ -445,7 +468,7 @@ mod tests {
             dataset
         });
         let design = Design { grid: *truth.grid(), sets: truth.sets().copied() };
-        let found = design.fit(&datasets, RIDGE, &Watch::none()).expect("a fit").model;
+        let found = design.fit(Training::from(&datasets[..]), RIDGE, &Watch::none()).expect("a fit").model;
         assert!(found.functions().iter().all(|f| f.set_offset_n.abs() < 10.0), "{:?}", found.functions());
     }
 }

@@ -4,11 +4,13 @@ use super::dataset::Dataset;
 use super::levels::Memberships;
 use super::score::{sound, walk};
 use super::search::Found;
+use super::swept::{SweptFault, SweptRange, sweep};
 use super::velocity::VelocityTrial;
 use crate::effect::Augmented;
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::{Expected, Model};
 use rayon::prelude::*;
+use std::fmt;
 use std::ops::ControlFlow;
 
 /// An identified model.
@@ -45,8 +47,45 @@ pub struct Identified {
     /// False if the last fit used up its evaluations before it converged. Always true for networks, which
     /// stop by the error on held-back rows.
     pub converged: bool,
+    /// The model over the whole range of its runs; `None` for a model that uses measured force.
+    pub swept: Option<SweptRange>,
+    /// The fit by least squares alone, if it had faults over that range and a weak prior was added.
+    pub without_prior: Option<WithoutPrior>,
     /// Facts that a user must know before using the model, such as a diverging simulation; complete sentences.
     pub warnings: Vec<String>,
+}
+
+/// A fit by least squares alone, which a fit with a weak prior replaced: the force of a step and a viscous damping that grow
+/// with the drive.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WithoutPrior {
+    /// Its model.
+    pub model: Box<Model>,
+    /// Faults of the model over the whole range of its runs.
+    pub faults: Vec<SweptFault>,
+    /// The model's simulation error over all counted training rows.
+    pub free_run: Option<Fit>,
+}
+
+impl fmt::Display for WithoutPrior {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the runs alone do not determine the model: ")?;
+        if let Some(fault) = self.faults.first() {
+            write!(f, "{fault}")?;
+        }
+        f.write_str("; so a weak prior was added, a step and a viscous damping that grow with the drive")?;
+        match self.free_run {
+            Some(fit) => write!(f, " (training NMSE without it {:.5})", fit.esr),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Identified {
+    /// Faults of the model over the whole range of its runs.
+    pub(super) fn faults(&self) -> &[SweptFault] {
+        self.swept.as_ref().map_or(&[], |swept| &swept.faults)
+    }
 }
 
 /// Fit to one training run.
@@ -182,6 +221,8 @@ pub(super) fn assemble(
         one_step_rsse_n: one_step.map(|fit| fit.rsse_n),
         uncertainty: None,
     };
+    let swept =
+        model.force.force_fed_period().is_none().then(|| sweep(&model.augmented(), datasets)).flatten();
     Identified {
         model: Model { expected, ..model },
         runs,
@@ -195,6 +236,8 @@ pub(super) fn assemble(
         restart_rsse_n: details.restart_rsse_n,
         active_bounds: details.active_bounds,
         converged: details.converged,
+        swept,
+        without_prior: None,
         warnings: details.warnings,
     }
 }

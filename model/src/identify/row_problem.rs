@@ -73,7 +73,7 @@ pub(super) trait Columns: Sync {
 }
 
 /// The rows of one run, stored by column.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 struct Rows {
     /// Mean of the counted force, N, subtracted from `force_n` to keep sums accurate.
     mean_force_n: f64,
@@ -87,11 +87,36 @@ struct Rows {
     counts: Vec<bool>,
     /// Time since the previous row, s; NaN where memory restarts.
     dt_s: Vec<f64>,
+    /// Square root of the weight of all rows.
+    root_weight: f64,
     /// Square roots of the weights of a robust loss; empty for least squares.
-    root_weights: Vec<f64>,
+    robust_roots: Vec<f64>,
 }
 
 impl Rows {
+    /// No rows, of a run whose mean force and weight are known.
+    fn none(mean_force_n: f64, root_weight: f64) -> Self {
+        Self {
+            mean_force_n,
+            displacement_m: Vec::new(),
+            velocity_m_s: Vec::new(),
+            acceleration_m_s2: Vec::new(),
+            drive: Vec::new(),
+            force_n: Vec::new(),
+            basis: Vec::new(),
+            counts: Vec::new(),
+            dt_s: Vec::new(),
+            root_weight,
+            robust_roots: Vec::new(),
+        }
+    }
+
+    /// Square root of the weight of row `k`.
+    #[inline]
+    fn root(&self, k: usize) -> f64 {
+        self.root_weight * self.robust_roots.get(k).copied().unwrap_or(1.0)
+    }
+
     fn len(&self) -> usize {
         self.counts.len()
     }
@@ -135,6 +160,30 @@ impl Rows {
     }
 }
 
+/// The rows that a model is fitted to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Training<'a> {
+    /// The measured runs.
+    pub(super) runs: &'a [Dataset],
+    /// Rows that follow from what all dampers have in common, for the range that the runs do not show.
+    pub(super) prior: Option<&'a Prior>,
+}
+
+impl<'a> From<&'a [Dataset]> for Training<'a> {
+    fn from(runs: &'a [Dataset]) -> Self {
+        Self { runs, prior: None }
+    }
+}
+
+/// A run that was not measured.
+#[derive(Debug, Clone)]
+pub(super) struct Prior {
+    /// Its rows.
+    pub(super) run: Dataset,
+    /// Weight of one of its rows, relative to a measured row.
+    pub(super) weight: f64,
+}
+
 /// Measured rows, and all other data that is fixed during the search.
 pub(super) struct RowProblem<'a, C: Columns> {
     columns: C,
@@ -156,15 +205,18 @@ struct Sums {
 }
 
 impl<'a, C: Columns> RowProblem<'a, C> {
-    /// Takes the needed rows from `datasets`: all counted rows and, if there is memory (of the model, or of a
+    /// Takes the needed rows from `training`: all counted rows and, if there is memory (of the model, or of a
     /// filter on the output), also the rows between them.
-    pub(super) fn new(datasets: &[Dataset], columns: C, cancel: &'a AtomicBool) -> Self {
-        let filter = datasets
+    pub(super) fn new<'t>(training: impl Into<Training<'t>>, columns: C, cancel: &'a AtomicBool) -> Self {
+        let Training { runs, prior } = training.into();
+        let filter = runs
             .first()
             .filter(|d| d.conditioning.apply_to == ApplyTo::Output)
             .map(|d| d.conditioning.low_pass());
         let all = filter.is_some() || columns.has_memory();
-        let runs = datasets.par_iter().map(|d| gather(d, &columns, all, |row| row.force_n)).collect();
+        let mut runs: Vec<Rows> =
+            runs.par_iter().map(|d| gather(d, &columns, all, |row| row.force_n)).collect();
+        runs.extend(prior.map(|prior| assumed(prior, &columns, 1)));
         Self { columns, runs, filter, parallel: true, cancel }
     }
 
@@ -172,19 +224,22 @@ impl<'a, C: Columns> RowProblem<'a, C> {
     /// row from each group of rows, because a fixed stride could coincide with the period of a sine; with
     /// memory it takes whole stretches, which cover the drive. A filter on the output would need all rows, so it is omitted for
     /// model and measurement alike: this hardly moves the minimum and takes a tenth of the time.
-    pub(super) fn sample(
-        datasets: &[Dataset],
+    pub(super) fn sample<'t>(
+        training: impl Into<Training<'t>>,
         columns: C,
         target: usize,
         seed: u64,
         cancel: &'a AtomicBool,
     ) -> Self {
+        let Training { runs: datasets, prior } = training.into();
         let stride = datasets.iter().map(Dataset::counted).sum::<usize>().div_ceil(target).max(1);
+        let assumed = prior.map(|prior| assumed(prior, &columns, stride));
         let whole =
             |dataset: &Dataset| gather(dataset, &columns, columns.has_memory(), |row| row.raw_force_n);
         if columns.has_memory() {
             let runs: Vec<Rows> = datasets.par_iter().map(whole).collect();
-            let runs = stretches(&runs, columns.basis_len(), stride);
+            let mut runs = stretches(&runs, columns.basis_len(), stride);
+            runs.extend(assumed);
             return Self { columns, runs, filter: None, parallel: false, cancel };
         }
         let one = |(index, dataset): (usize, &Dataset)| {
@@ -195,7 +250,8 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             let stride = stride.min((rows.len() / 200).max(1));
             pick(&rows, columns.basis_len(), stride, || random.random::<f64>())
         };
-        let runs = datasets.par_iter().enumerate().map(one).collect();
+        let mut runs: Vec<Rows> = datasets.par_iter().enumerate().map(one).collect();
+        runs.extend(assumed);
         Self { columns, runs, filter: None, parallel: false, cancel }
     }
 
@@ -295,7 +351,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         let mut roots = [0.0; GROUP];
         let mut filled = 0;
         self.each(rows, range, natural, |k, row| {
-            let root = rows.root_weights.get(k).copied().unwrap_or(1.0);
+            let root = rows.root(k);
             let slot = &mut group[filled * width..(filled + 1) * width];
             slot.iter_mut().zip(row).for_each(|(slot, value)| *slot = root * value);
             roots[filled] = root;
@@ -339,7 +395,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             })
             .collect();
         for (rows, roots) in self.runs.iter_mut().zip(weights) {
-            rows.root_weights = roots;
+            rows.robust_roots = roots;
         }
     }
 
@@ -354,7 +410,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             let (mut block, mut since_s) = (DVector::zeros(n), 0.0);
             let mut scatter = DMatrix::zeros(n, n);
             self.each(rows, 0..rows.len(), &natural, |k, row| {
-                let weight = rows.root_weights.get(k).map_or(1.0, |root| root * root);
+                let weight = rows.root(k).powi(2);
                 let residual = weight * (row[n] - mean[n]);
                 for ((sum, value), mean) in block.iter_mut().zip(row).zip(&mean) {
                     *sum += residual * (value - mean);
@@ -445,12 +501,18 @@ impl Sums {
     }
 }
 
+/// All rows of `prior`, for a problem that has one in `stride` of the measured rows.
+fn assumed(prior: &Prior, columns: &impl Columns, stride: usize) -> Rows {
+    let rows = gather(&prior.run, columns, true, |row| row.force_n);
+    Rows { root_weight: (prior.weight / stride as f64).sqrt(), ..rows }
+}
+
 /// The needed rows of a dataset, with `force` as the measured value: the counted rows or, with `all`, every
 /// row that can be predicted.
 fn gather(dataset: &Dataset, columns: &impl Columns, all: bool, force: fn(&Row) -> f64) -> Rows {
     let counted = || dataset.rows.iter().filter(|row| row.counts && columns.takes(row.drive));
     let mean = counted().map(force).sum::<f64>() / counted().count().max(1) as f64;
-    let mut rows = Rows { mean_force_n: mean, ..Rows::default() };
+    let mut rows = Rows::none(mean, 1.0);
     let mut broken = true;
     let mut since_s = 0.0;
     for row in &dataset.rows {
@@ -469,7 +531,7 @@ fn gather(dataset: &Dataset, columns: &impl Columns, all: bool, force: fn(&Row) 
 
 /// One row of every `stride`, at the position that `random` (in [0, 1)) gives.
 fn pick(rows: &Rows, basis_len: usize, stride: usize, mut random: impl FnMut() -> f64) -> Rows {
-    let mut picked = Rows { mean_force_n: rows.mean_force_n, ..Rows::default() };
+    let mut picked = Rows::none(rows.mean_force_n, rows.root_weight);
     let len = rows.len();
     for from in (0..len).step_by(stride) {
         let k = from + (random() * stride.min(len - from) as f64) as usize;
@@ -522,7 +584,7 @@ fn covers_drive(sample: &[Rows], runs: &[Rows]) -> bool {
 /// first rows of a stretch fill the memory and are not counted.
 fn stretches_of(rows: &Rows, basis_len: usize, stride: usize, length: usize, place: f64) -> Rows {
     let warm_up = WARM_UP.min(length / 4);
-    let mut picked = Rows { mean_force_n: rows.mean_force_n, ..Rows::default() };
+    let mut picked = Rows::none(rows.mean_force_n, rows.root_weight);
     for from in (0..rows.len()).step_by(length * stride) {
         let group = (length * stride).min(rows.len() - from);
         let begin = from + ((group - length.min(group)) as f64 * place) as usize;

@@ -10,7 +10,7 @@ use super::dataset::Dataset;
 use super::least_squares::{Minimum, Problem, Stop, minimise};
 use super::options::REWEIGHTINGS;
 use super::report::BLOCK_S;
-use super::row_problem::{Columns, RowProblem};
+use super::row_problem::{Columns, RowProblem, Training};
 use super::{Loss, Options, Progress, Watch};
 use crate::error::{Error, IdentifyError};
 use nalgebra::{DMatrix, DVector};
@@ -69,29 +69,30 @@ pub(super) struct Found {
     pub(super) converged: bool,
 }
 
-/// Searches the parameters of `searched` on `datasets`.
-pub(super) fn search<S: SearchedModel>(
-    datasets: &[Dataset],
+/// Searches the parameters of `searched` on `training`.
+pub(super) fn search<'t, S: SearchedModel>(
+    training: impl Into<Training<'t>>,
     searched: &S,
     options: &Options,
     watch: &Watch,
 ) -> Result<Found, Error> {
+    let training = training.into();
     let (restart_rsse_n, mut outcomes) = match searched.seeded() {
         Some(parameters) => {
             let seed = Minimum { parameters, cost: f64::INFINITY, evaluations: 0, converged: false };
             (Vec::new(), vec![seed])
         }
         None => {
-            let (sample, outcomes) = explore(datasets, searched, options.restarts, options.seed, watch)?;
+            let (sample, outcomes) = explore(training, searched, options.restarts, options.seed, watch)?;
             let sampled = sample.counted().max(1) as f64;
             (outcomes.iter().map(|m| (m.cost / sampled).sqrt()).collect(), outcomes)
         }
     };
     outcomes.dedup_by(|b, a| (b.cost - a.cost).abs() <= SAME * a.cost);
 
-    let counted: usize = datasets.iter().map(Dataset::counted).sum();
+    let counted: usize = training.runs.iter().map(Dataset::counted).sum();
     let fewer = options.most_rows.filter(|most| counted > *most);
-    let mut problem = final_problem(datasets, searched, options, watch);
+    let mut problem = final_problem(training, searched, options, watch);
     let bounds = searched.bounds();
     // The cost of a row decides how many candidates are refined, and how finely.
     let (polished, stop) = if searched.has_memory() {
@@ -102,7 +103,7 @@ pub(super) fn search<S: SearchedModel>(
     // A model with memory may be stable on short stretches and diverge over a whole run, so all rows decide.
     let on_all_rows = searched.has_memory();
     let whole =
-        fewer.filter(|_| on_all_rows).map(|_| RowProblem::new(datasets, searched.clone(), watch.flag()));
+        fewer.filter(|_| on_all_rows).map(|_| RowProblem::new(training, searched.clone(), watch.flag()));
     let evaluated = |minimum: Minimum| -> Result<Minimum, Error> {
         if !on_all_rows {
             return Ok(minimum);
@@ -136,7 +137,9 @@ pub(super) fn search<S: SearchedModel>(
         }
     }
     watch.report(Progress::Polish { done: candidates as u32, of: candidates as u32 });
-    let found = found(&problem, searched, &best.parameters)?;
+    let mut found = found(&problem, searched, &best.parameters)?;
+    // The prior has an offset of its own.
+    found.offsets_n.truncate(training.runs.len());
     Ok(Found { restart_rsse_n, converged: best.converged, ..found })
 }
 
@@ -149,7 +152,7 @@ pub(super) fn finish<S: SearchedModel>(
     options: &Options,
     watch: &Watch,
 ) -> Result<Found, Error> {
-    let mut problem = final_problem(datasets, searched, options, watch);
+    let mut problem = final_problem(datasets.into(), searched, options, watch);
     if let Loss::Huber { threshold_n } = options.loss {
         // Each time the offsets are those of the weights before.
         for _ in 0..REWEIGHTINGS {
@@ -161,17 +164,17 @@ pub(super) fn finish<S: SearchedModel>(
 
 /// All rows, or a sample if the options limit their number.
 fn final_problem<'a, S: SearchedModel>(
-    datasets: &[Dataset],
+    training: Training,
     searched: &S,
     options: &Options,
     watch: &'a Watch,
 ) -> RowProblem<'a, S> {
-    let counted: usize = datasets.iter().map(Dataset::counted).sum();
+    let counted: usize = training.runs.iter().map(Dataset::counted).sum();
     match options.most_rows.filter(|most| counted > *most) {
         Some(most) => {
-            RowProblem::sample(datasets, searched.clone(), most, options.seed, watch.flag()).in_parallel()
+            RowProblem::sample(training, searched.clone(), most, options.seed, watch.flag()).in_parallel()
         }
-        None => RowProblem::new(datasets, searched.clone(), watch.flag()),
+        None => RowProblem::new(training, searched.clone(), watch.flag()),
     }
 }
 
@@ -196,14 +199,14 @@ fn found<S: SearchedModel>(
 
 /// A sample of the rows, and the restarts on it, best first.
 fn explore<'a, S: SearchedModel>(
-    datasets: &[Dataset],
+    training: Training,
     searched: &S,
     restarts: u32,
     seed: u64,
     watch: &'a Watch,
 ) -> Result<(RowProblem<'a, S>, Vec<Minimum>), Error> {
     let rows = if searched.has_memory() { RESTART_ROWS / 2 } else { RESTART_ROWS };
-    let sample = RowProblem::sample(datasets, searched.clone(), rows, seed, watch.flag());
+    let sample = RowProblem::sample(training, searched.clone(), rows, seed, watch.flag());
     let bounds = searched.bounds();
     let done = AtomicUsize::new(0);
     let restarts = restarts.max(1);
@@ -237,7 +240,7 @@ pub(super) fn sample_esr<S: SearchedModel>(
     watch: &Watch,
 ) -> Result<f64, Error> {
     let quiet = Watch { progress: None, ..*watch };
-    let (sample, outcomes) = explore(datasets, searched, SCOUTS, seed, &quiet)?;
+    let (sample, outcomes) = explore(datasets.into(), searched, SCOUTS, seed, &quiet)?;
     Ok(sample.mean_esr(&outcomes[0].parameters))
 }
 

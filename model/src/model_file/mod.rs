@@ -99,6 +99,10 @@ pub struct Provenance {
     pub restarts: u32,
     /// Rank of the regression (ARX); less than the number of coefficients if regressors are collinear.
     pub rank: Option<u32>,
+    /// True if the runs alone did not determine the model, and a weak prior was added to the fit
+    /// ([`crate::identify::WithoutPrior`]).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub weak_prior: bool,
     /// Runs that the model was trained on.
     pub runs: Vec<TrainingRun>,
     /// Simulation error on the training runs, without the offset of each run.

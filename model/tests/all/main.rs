@@ -6,6 +6,7 @@ mod common;
 mod coverage;
 mod diagnosis;
 mod identify_support;
+mod identify_swept;
 mod inverse_support;
 mod jitter_support;
 mod measured;

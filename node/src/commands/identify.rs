@@ -32,7 +32,8 @@ use mr_damper_reports::Recording;
 use mr_damper_reports::identify::{self as page, IdentifyOutcome, SteppedRun};
 use mr_damper_runs::write_text;
 use report::{
-    Estimate, InverseReport, Scores, VelocityReport, figures, headline, remarks, run_report, table,
+    Estimate, InverseReport, Scores, SweptReport, VelocityReport, WithoutPriorReport, figures, headline,
+    remarks, run_report, table,
 };
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -264,6 +265,8 @@ impl Identification {
                 .iter()
                 .map(|b| format!("{} = {}", b.parameter, b.value))
                 .collect(),
+            swept: found.swept.as_ref().map(SweptReport::of),
+            without_prior: found.without_prior.as_ref().map(WithoutPriorReport::of),
             warnings: &found.warnings,
             estimates: found.parameters.iter().map(Estimate::of).collect(),
             restart_rsse_n: &found.restart_rsse_n,
@@ -433,6 +436,7 @@ fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Op
         seed: args.seed,
         restarts: u32::try_from(found.restart_rsse_n.len()).unwrap_or(args.restarts),
         rank: found.rank.and_then(|rank| u32::try_from(rank).ok()),
+        weak_prior: found.without_prior.is_some(),
         runs: found
             .runs
             .iter()

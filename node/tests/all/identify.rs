@@ -109,6 +109,42 @@ fn a_model_is_identified_reported_and_evaluated_with_the_same_figures() {
     }
 }
 
+/// Runs without fast motion at 0 A: the warning, the figures, and the note in the model file.
+#[test]
+fn a_weak_prior_is_said_and_recorded() {
+    let _turn = turn(module_path!());
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(8.0);
+    let thin = dir.path().join("thin.csv");
+    let made = record(&experiment.with_pattern(0), &Plant::default(), &Channels::default(), 0);
+    save(&made, &thin, &SaveOptions::default()).expect("room in the temporary directory");
+    let thin = thin.display().to_string();
+    let full = run(dir.path(), "full.csv", 1);
+    for (name, run, needs_prior) in [("thin", &thin, true), ("full", &full, false)] {
+        let model = dir.path().join(format!("{name}.toml")).display().to_string();
+        let identified = json(&[
+            "identify",
+            "--model",
+            "fuzzy-tanh",
+            run,
+            "--velocity",
+            "backward",
+            "--out",
+            &model,
+            "--json",
+            "-",
+        ]);
+        let (swept, without) = (&identified["swept"], &identified["without_prior"]);
+        assert_eq!(swept["sines"].as_array().map(Vec::len), Some(20), "{name}");
+        assert_eq!(swept["faults"], serde_json::json!([]), "{name}");
+        assert_eq!(without["faults"][0]["code"] == "drives_motion", needs_prior, "{name}: {without}");
+        let warned = identified["warnings"].to_string().contains("a weak prior was added");
+        let recorded = std::fs::read_to_string(&model).expect("a model").contains("weak_prior = true");
+        assert_eq!((warned, recorded), (needs_prior, needs_prior), "{name}");
+        assert_eq!(json(&["evaluate", &model, run, "--json"])["runs"][0]["used_as"], "estimate");
+    }
+}
+
 /// An inverse model is identified with the force model, scored on the held-out runs, and used by `inverse`.
 #[test]
 fn an_inverse_model_is_identified_stored_and_used() {

@@ -41,7 +41,7 @@ const POINT: [f64; 12] = [80.0, 400.0, 3.9, -0.5, 300.0, 600.0, 3.2, 1.5, 650.0,
 fn gradient_matches_differences_of_the_cost() {
     for apply_to in [ApplyTo::None, ApplyTo::Inputs, ApplyTo::Output] {
         let (datasets, memberships) = made(apply_to);
-        let problem = RowProblem::new(&datasets, columns(&datasets, &memberships), &NEVER);
+        let problem = RowProblem::new(&datasets[..], columns(&datasets, &memberships), &NEVER);
         let here = problem.normal(&POINT).expect("not cancelled");
         for j in 0..POINT.len() {
             let step = 1e-5 * POINT[j].abs();
@@ -62,7 +62,7 @@ fn gradient_matches_differences_of_the_cost() {
 fn square_matches_a_numerical_jacobian() {
     // Residuals of the model at shifted parameters give the Jacobian by central differences.
     let (datasets, memberships) = made(ApplyTo::None);
-    let problem = RowProblem::new(&datasets, columns(&datasets, &memberships), &NEVER);
+    let problem = RowProblem::new(&datasets[..], columns(&datasets, &memberships), &NEVER);
     let here = problem.normal(&POINT).expect("not cancelled");
     let residuals = |p: &[f64]| -> Vec<DVector<f64>> {
         let functions: Vec<TanhFunction> =
@@ -102,9 +102,27 @@ fn square_matches_a_numerical_jacobian() {
     assert!((mean[0] - mean[1] - 110.0).abs() < 1e-9, "{mean:?}");
 }
 
+#[test]
+fn a_prior_adds_its_cost_times_its_weight() {
+    for apply_to in [ApplyTo::None, ApplyTo::Output] {
+        let (datasets, memberships) = made(apply_to);
+        let at_point = |training: Training| {
+            let problem = RowProblem::new(training, columns(&datasets, &memberships), &NEVER);
+            problem.normal(&POINT).expect("not cancelled")
+        };
+        let [measured, assumed] = [&datasets[..1], &datasets[1..]].map(|runs| at_point(runs.into()));
+        let prior = Prior { run: datasets[1].clone(), weight: 0.3 };
+        let both = at_point(Training { runs: &datasets[..1], prior: Some(&prior) });
+        let expected = measured.cost + 0.3 * assumed.cost;
+        assert!((both.cost / expected - 1.0).abs() < 1e-12, "{} {expected}", both.cost);
+        let difference = &both.gradient - &measured.gradient - 0.3 * &assumed.gradient;
+        assert!(difference.norm() < 1e-12 * both.gradient.norm(), "{difference}");
+    }
+}
+
 /// Rows at 512 Hz whose drive is `level(t)`.
 fn driven(seconds: usize, level: impl Fn(f64) -> f64) -> Rows {
-    let mut rows = Rows::default();
+    let mut rows = Rows::none(0.0, 1.0);
     for k in 0..seconds * 512 {
         rows.drive.push(level(k as f64 / 512.0));
         rows.counts.push(true);

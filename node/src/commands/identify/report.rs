@@ -2,8 +2,11 @@
 
 use crate::commands::units::Units;
 use mr_damper_base::shown;
-use mr_damper_model::identify::{CurrentFit, ParameterValue, RunFit};
+use mr_damper_model::identify::{
+    CurrentFit, ParameterValue, RunFit, SweptFault, SweptRange, SweptSine, WithoutPrior,
+};
 use mr_damper_model::metrics::Fit;
+use mr_damper_model::sample::Drive;
 use serde::Serialize;
 use std::path::Path;
 
@@ -26,6 +29,12 @@ pub struct Report<'a> {
     pub(super) band_calibrated: bool,
     pub(super) runs: Vec<RunReport<'a>>,
     pub(super) active_bounds: Vec<String>,
+    /// The model over the whole range of its runs; absent for a model that uses measured force.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) swept: Option<SweptReport>,
+    /// The fit without the weak prior; absent if none was needed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) without_prior: Option<WithoutPriorReport>,
     pub(super) warnings: &'a [String],
     pub(super) estimates: Vec<Estimate<'a>>,
     pub(super) restart_rsse_n: &'a [f64],
@@ -43,6 +52,76 @@ pub(super) struct InverseReport {
     pub(super) training: Option<CurrentFit>,
     pub(super) validation: Option<CurrentFit>,
     pub(super) warnings: Vec<String>,
+}
+
+/// The model on sines over the whole range of its runs.
+#[derive(Debug, Serialize)]
+pub(super) struct SweptReport {
+    sines: Vec<SweptSineReport>,
+    faults: Vec<SweptFaultReport>,
+    /// The result as one sentence.
+    #[serde(skip)]
+    summary: String,
+}
+
+/// One sine. Force and energy are `null` if the simulation did not stay finite.
+#[derive(Debug, Serialize)]
+struct SweptSineReport {
+    /// A or V; `null` for a model without drive.
+    drive: Option<f64>,
+    peak_speed_m_s: f64,
+    runs_s: f64,
+    largest_n: Option<f64>,
+    energy_j: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct SweptFaultReport {
+    code: &'static str,
+    drive: Option<f64>,
+    peak_speed_m_s: f64,
+    text: String,
+}
+
+/// The fit by least squares alone.
+#[derive(Debug, Serialize)]
+pub(super) struct WithoutPriorReport {
+    free_run: Option<Fit>,
+    faults: Vec<SweptFaultReport>,
+}
+
+impl SweptReport {
+    pub(super) fn of(swept: &SweptRange) -> Self {
+        let sine = |sine: &SweptSine| SweptSineReport {
+            drive: sine.drive.map(Drive::get),
+            peak_speed_m_s: sine.speed.0,
+            runs_s: sine.runs_s,
+            largest_n: sine.response.map(|response| response.largest.0),
+            energy_j: sine.response.map(|response| response.energy_j),
+        };
+        Self {
+            sines: swept.sines.iter().map(sine).collect(),
+            faults: swept.faults.iter().map(SweptFaultReport::of).collect(),
+            summary: swept.to_string(),
+        }
+    }
+}
+
+impl SweptFaultReport {
+    fn of(fault: &SweptFault) -> Self {
+        Self {
+            code: fault.kind.name(),
+            drive: fault.sine.drive.map(Drive::get),
+            peak_speed_m_s: fault.sine.speed.0,
+            text: fault.to_string(),
+        }
+    }
+}
+
+impl WithoutPriorReport {
+    pub(super) fn of(without: &WithoutPrior) -> Self {
+        Self { free_run: without.free_run, faults: without.faults.iter().map(SweptFaultReport::of).collect() }
+    }
 }
 
 /// A parameter and its standard error, which is `null` if the runs do not determine the parameter.
@@ -126,6 +205,7 @@ pub(super) fn remarks(report: &Report<'_>) -> Vec<String> {
         .into_iter()
         .collect();
     remarks.extend(report.warnings.iter().cloned());
+    remarks.extend(report.swept.as_ref().map(|swept| swept.summary.clone()));
     remarks.extend(report.inverse.into_iter().flat_map(inverse_remarks));
     if report.band_calibrated {
         remarks.push("the 90 % band of the estimates is calibrated on the held-out runs".to_owned());

@@ -170,6 +170,7 @@ impl Fitting {
             seed: options.seed,
             restarts: options.restarts,
             rank: found.rank.and_then(|rank| u32::try_from(rank).ok()),
+            weak_prior: found.without_prior.is_some(),
             runs: fitted
                 .iter()
                 .map(row(Role::Estimate))
