@@ -141,7 +141,7 @@ impl Job<'_> {
             let drive = force.drive().map_or("the drive", DriveKind::name);
             details.warnings.push(format!(
                 "the runs hold one level of {drive}, {level:.3}: the model is valid at this level only; \
-             add runs at other levels, or use a passive form"
+                 add runs at other levels, or use a passive form"
             ));
         }
         let model = model(force, all[0].conditioning, all);
