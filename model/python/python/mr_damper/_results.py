@@ -74,7 +74,8 @@ class FitResult(Record):
 
     Errors are root mean squares in newtons (``rsse_n``) and normalised mean squares (``esr``, 1 - R²): ``training.free_run`` and
     ``validation.free_run`` of the simulation, ``one_step`` of the one-step-ahead prediction, ``persistence`` of the baseline.
-    ``estimates`` lists parameters with standard errors, ``runs`` the training runs.
+    ``estimates`` lists parameters with standard errors, ``runs`` the training runs. ``swept`` is the model on sines over the whole range
+    of the runs, and ``without_prior`` the fit by least squares alone, if that did there what no damper does.
     """
 
     _native_part: "Optional[_native.Identification]"
