@@ -47,7 +47,7 @@ pub(super) fn fit(
 ) -> Result<(LawModel, Found), Error> {
     let datasets = training.runs;
     let scales = Scales::of(datasets)?;
-    let mut searched = LawColumns { law, dependence, scales, seed: None, grows: false };
+    let mut searched = LawColumns::new(law, dependence, scales);
     check_rows(datasets, law, searched.parameters())?;
     if let (Dependence::Fuzzy(sets), true) = (dependence, law.has_memory()) {
         searched.seed = Some(seed(datasets, law, &sets, scales, options, watch)?);
@@ -67,7 +67,7 @@ pub(super) fn fit_growing(
 ) -> Result<LawModel, Error> {
     let law = ForceLaw::Sp;
     let dependence = drive.map_or(Dependence::None, |drive| Dependence::Polynomial { drive, degree: 1 });
-    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None, grows: true };
+    let searched = LawColumns { grows: true, ..LawColumns::new(law, dependence, Scales::of(datasets)?) };
     let found = search::search(datasets, &searched, options, watch)?;
     LawModel::new(law, dependence, &found.natural, super::mean_offset(datasets, &found.offsets_n))
 }
@@ -80,7 +80,7 @@ pub(super) fn fit_by_swarm(
     options: &Options,
     watch: &Watch,
 ) -> Result<(LawModel, Found), Error> {
-    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None, grows: false };
+    let searched = LawColumns::new(law, dependence, Scales::of(datasets)?);
     check_rows(datasets, law, searched.parameters())?;
     let found = swarm::search(datasets, &searched, options, watch)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
@@ -99,7 +99,7 @@ fn seed(
     watch: &Watch,
 ) -> Result<Seed, Error> {
     let dependence = Dependence::Polynomial { drive: sets.drive(), degree: 1 };
-    let lines = LawColumns { law, dependence, scales, seed: None, grows: false };
+    let lines = LawColumns::new(law, dependence, scales);
     let found = search::search(datasets, &lines, options, watch)?;
     let mut seed = [[0.0; MAX_PARAMETERS]; MAX_FUNCTIONS];
     for (own, centre) in seed.iter_mut().zip(sets.centres()) {
@@ -119,13 +119,7 @@ pub(super) fn fit_free(
     watch: &Watch,
 ) -> Result<(LawModel, Found, Memberships), Error> {
     let datasets = training.runs;
-    let inner = LawColumns {
-        law,
-        dependence: Dependence::Fuzzy(start),
-        scales: Scales::of(datasets)?,
-        seed: None,
-        grows: false,
-    };
+    let inner = LawColumns::new(law, Dependence::Fuzzy(start), Scales::of(datasets)?);
     let searched = FreeSets::new(inner, start, levels)?;
     check_rows(datasets, law, searched.parameters())?;
     let found = search::search(training, &searched, options, watch)?;
@@ -161,7 +155,7 @@ pub(super) fn sample_esr(
     seed: u64,
     watch: &Watch,
 ) -> Result<f64, Error> {
-    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None, grows: false };
+    let searched = LawColumns::new(law, dependence, Scales::of(datasets)?);
     search::sample_esr(datasets, &searched, seed, watch)
 }
 
@@ -181,6 +175,11 @@ pub(super) struct LawColumns {
 }
 
 impl LawColumns {
+    /// `law` with the bounds of its own table, and random starts.
+    const fn new(law: ForceLaw, dependence: Dependence, scales: Scales) -> Self {
+        Self { law, dependence, scales, seed: None, grows: false }
+    }
+
     fn per_copy(&self) -> usize {
         self.law.parameters().len()
     }
@@ -458,7 +457,7 @@ mod tests {
         for law in ForceLaw::ALL {
             let drawn = law.parameters().iter().filter(is_drawn).count();
             for (dependence, copies) in [(Dependence::None, 1), (Dependence::Fuzzy(sets), sets.len())] {
-                let searched = LawColumns { law, dependence, scales: SCALES, seed: None, grows: false };
+                let searched = LawColumns::new(law, dependence, SCALES);
                 let middle = shares(&searched, 0, &mut random);
                 assert_eq!(middle.len(), copies * drawn, "{law:?}");
                 assert!(middle.iter().all(|share| (share - 0.5).abs() < 1e-9), "{law:?}: {middle:?}");

@@ -1,4 +1,4 @@
-//! What is known of all dampers, for the range that the runs do not show.
+//! A weak prior for the range that the runs do not show.
 //!
 //! Where the runs have few rows, least squares may end at parameters that no damper has (see [`super::swept`]). A second fit then
 //! also sees a weak prior: the sines of that sweep, with the force of a step and a viscous damping that grow with the

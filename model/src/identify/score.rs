@@ -14,7 +14,7 @@ use crate::metrics::{ErrorSum, Fit};
 use std::ops::ControlFlow;
 
 /// A simulation beyond this multiple of the largest measured force has diverged.
-const DIVERGED: f64 = 100.0;
+pub(super) const DIVERGED: f64 = 100.0;
 /// Number of rows after which a cancelled score ends.
 const CANCEL_EVERY: usize = 4096;
 /// Largest relative difference between a run's rate and the rate of a model whose input includes force.

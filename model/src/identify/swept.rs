@@ -18,7 +18,7 @@
 //! | falls with the drive | E falls from one level to the next by more than 10 % of the largest energy at this speed, although it rises over the levels that the runs hold |
 
 use super::dataset::{self, Dataset, Row};
-use super::score::walk;
+use super::score::{DIVERGED, walk};
 use crate::effect::Augmented;
 use crate::model::Envelope;
 use crate::sample::{Drive, DriveKind, Stamp};
@@ -38,8 +38,6 @@ const SETTLING_CYCLES: usize = 2;
 const CYCLE_ROWS: f64 = 64.0;
 /// Multiple of the largest measured force that a model may reach within the runs' speeds. Both forces are without their middle.
 const LARGEST: f64 = 3.0;
-/// Multiple of the largest measured force above which the simulation has diverged.
-const DIVERGED: f64 = 100.0;
 /// Negative energy of a cycle, as a share of the largest at the same speed, that is rounding or a phase of the filters.
 const DRIVEN: f64 = 0.02;
 /// Fall of the energy from one level of the drive to the next, as a share of the largest at the same speed, that is an error of
@@ -115,8 +113,8 @@ pub enum SweptFaultKind {
         /// The energy that it takes from it, below zero, J.
         energy_j: f64,
     },
-    /// The energy is lower than at the level of the drive before, although the damper's rises. The sine is that of the two
-    /// that the runs show less.
+    /// The energy is lower than at the level of the drive before, although the damper's rises. The sine is at the
+    /// level that the runs show less.
     FallsWithDrive {
         /// The level before, and the energy there, J.
         from: (Drive, f64),
@@ -242,7 +240,7 @@ impl<'a> Range<'a> {
         let [x, v, force] = [all.displacement_m?, all.velocity_m_s?, all.force_n?];
         let (mut drives, mut near) = (vec![None], f64::INFINITY);
         if let (Some(kind), Some([low, high])) = (drive, all.drive) {
-            // A converter's noise around zero is no negative drive.
+            // Noise of a converter around zero does not make the drive negative.
             let low = if low < -NEGATIVE * high { low } else { 0.0 };
             let step = (high - low) / (LEVELS - 1) as f64;
             drives = (0..LEVELS).map(|level| Some(Drive::new(kind, low + step * level as f64))).collect();
