@@ -8,11 +8,6 @@ use crate::identify::Row;
 use crate::statistics::block_sums::p_value;
 use crate::statistics::correlation::of_centred;
 
-/// Largest probability of listing any correlation by chance when there is none.
-const SIGNIFICANCE: f64 = 0.05;
-/// Least size of a correlation that is listed.
-const LEAST: f64 = 0.05;
-
 /// A row with what a signal needs besides.
 struct Place<'a> {
     row: &'a Row,
@@ -79,7 +74,8 @@ fn correlation(
     let rest: Vec<f64> = series.iter().zip(residual).map(|(s, r)| s * (r - slope * s)).collect();
     let sums = Blocks::against(rows, &rest, settings.training_block_s()).sums(&series, residual);
     let p = p_value(&sums, settings.seed) * SIGNALS.len() as f64;
-    (coefficient.abs() >= LEAST && p <= SIGNIFICANCE).then_some(Correlation { with, coefficient })
+    (coefficient.abs() >= settings.thresholds.least_correlation && p <= settings.thresholds.correlation_p)
+        .then_some(Correlation { with, coefficient })
 }
 
 #[cfg(test)]

@@ -8,15 +8,11 @@
 //! An effect that takes up energy must show in the energy of the residual. A fit alone does not ensure that: an error of phase, for
 //! example, looks like friction, but leaves the energy of a cycle as it is. Known for runs with a cyclic motion.
 
+use super::Thresholds;
 use super::rows::Rows;
 use crate::condition::{ApplyTo, LowPassState};
 use crate::identify::{Dataset, Row};
 use crate::statistics::block_sums::t95;
-
-/// Times that an effect may take up the energy that the residual has.
-const MOST: f64 = 2.0;
-/// Share of the energy that an effect moves to and fro below which it takes up none: a spring or a mass, up to the error of the velocity.
-const NEUTRAL: f64 = 0.1;
 
 /// Mean energy of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,8 +25,8 @@ struct Work {
 }
 
 impl Work {
-    fn is_neutral(&self) -> bool {
-        self.mean_j.abs() <= NEUTRAL * self.moved_j
+    fn is_neutral(&self, thresholds: &Thresholds) -> bool {
+        self.mean_j.abs() <= thresholds.energy_neutral * self.moved_j
     }
 }
 
@@ -42,20 +38,25 @@ pub(super) struct Contradiction {
 }
 
 /// True if an effect that changes the simulated force by `change_n` takes up no energy on a cyclic motion, as a spring or a mass does.
-pub(super) fn is_neutral(rows: &Rows, change_n: &[f64]) -> bool {
-    work(rows, change_n).is_some_and(|work| work.is_neutral())
+pub(super) fn is_neutral(rows: &Rows, change_n: &[f64], thresholds: &Thresholds) -> bool {
+    work(rows, change_n).is_some_and(|work| work.is_neutral(thresholds))
 }
 
 /// The energies of an effect that changes the simulated force by `change_n`, and of the residual before it was added, if the residual
 /// denies the effect. `None` also if the motion of a run is not cyclic.
-pub(super) fn denies(rows: &Rows, residual_n: &[f64], change_n: &[f64]) -> Option<Contradiction> {
+pub(super) fn denies(
+    rows: &Rows,
+    residual_n: &[f64],
+    change_n: &[f64],
+    thresholds: &Thresholds,
+) -> Option<Contradiction> {
     let (residual, effect) = (work(rows, residual_n)?, work(rows, change_n)?);
     let (found, there) = (effect.mean_j, residual.mean_j);
-    if effect.is_neutral() {
+    if effect.is_neutral(thresholds) {
         return None;
     }
     let other_way = found * there < 0.0 && found.abs() > residual.margin_j;
-    let too_much = found.abs() > MOST * there.abs() + residual.margin_j;
+    let too_much = found.abs() > thresholds.energy_ratio * there.abs() + residual.margin_j;
     (other_way || too_much).then_some(Contradiction { residual_j: there, effect_j: found })
 }
 
@@ -112,7 +113,7 @@ mod tests {
             let rows = rows.runs()[0].indices.iter().map(|&k| data[0].rows[k]);
             rows.map(|row| force(row.displacement_m, row.velocity_m_s)).collect()
         };
-        denies(&rows, &of(residual), &of(change)).is_some()
+        denies(&rows, &of(residual), &of(change), &Thresholds::default()).is_some()
     }
 
     #[test]

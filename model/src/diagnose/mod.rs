@@ -50,6 +50,7 @@ mod score;
 mod space;
 mod structures;
 mod test_runs;
+mod thresholds;
 mod variants;
 
 pub use crate::error::DiagnosisError;
@@ -64,6 +65,7 @@ pub use paired::{MeanShift, reference_force_n};
 pub use ranges::Ranges;
 pub use refusal::{BaseFault, Refusal};
 pub use structures::{Bases, close_any, default_structures};
+pub use thresholds::{Part, Scaled, Threshold, Thresholds};
 
 use crate::error::Error;
 use crate::identify::{Dataset, Watch};
@@ -119,6 +121,8 @@ pub struct Settings {
     pub most_rows: usize,
     /// Seed of the sign flips and of the noise that is added to inputs.
     pub seed: u64,
+    /// The thresholds of its decisions.
+    pub thresholds: Thresholds,
 }
 
 impl Default for Settings {
@@ -133,6 +137,7 @@ impl Default for Settings {
             ranges: Ranges::default(),
             most_rows: 60_000,
             seed: 0,
+            thresholds: Thresholds::default(),
         }
     }
 }
@@ -221,8 +226,9 @@ pub fn close(
         let found = procedure::Procedure::new(base, runs, settings, watch)?.run(stage)?;
         return discover::extend(found, runs, settings, watch, stage);
     }
-    let [estimate, confirm, test] =
-        runs.with_first_reference().map(|(own, first)| paired::on_scales_of((runs.reference, first), own));
+    let [estimate, confirm, test] = runs
+        .with_first_reference()
+        .map(|(own, first)| paired::on_scales_of((runs.reference, first), own, &settings.thresholds));
     let runs = Runs { estimate: &estimate.runs, confirm: &confirm.runs, test: &test.runs, ..*runs };
     let found = procedure::Procedure::new(base, &runs, settings, watch)?.run(stage)?;
     let alignments = [estimate.alignments, confirm.alignments, test.alignments].concat();

@@ -23,10 +23,10 @@
 //! their temperature. If a run is warmer or colder than its reference, an effect of
 //! temperature acts on the difference. Otherwise it acts on the temperature itself.
 
-use super::Settings;
 use super::alignment::{ALIKE, Aligned, Alignment, Between, align};
 use super::cycle::{Cycles, MeanCycle, times_s};
 use super::rows::Rows;
+use super::{Settings, Thresholds};
 use crate::effect::{Augmented, REFERENCE_TEMP_C};
 use crate::error::{DiagnosisError, Error};
 use crate::identify::{Dataset, Row, walk};
@@ -37,8 +37,6 @@ use std::ops::ControlFlow;
 const POINTS: usize = 128;
 /// Least number of cycles from which noise is computed, and of blocks for the interval of a mean force.
 const LEAST: usize = 3;
-/// Least mean difference of the temperatures of a run and its reference for them to count relative to each other, K.
-const LEAST_CONTRAST_K: f64 = 5.0;
 /// Length of the mean of a temperature, s.
 const SLOW_S: f64 = 60.0;
 
@@ -278,7 +276,11 @@ pub(super) struct OnScales {
 /// references are about as warm. A run without a reference is not changed.
 ///
 /// The relative temperature is a mean over [`SLOW_S`]: the force follows the fluid, which warms more slowly than the case at its sensor.
-pub(super) fn on_scales_of((references, first): (&[Dataset], usize), runs: &[Dataset]) -> OnScales {
+pub(super) fn on_scales_of(
+    (references, first): (&[Dataset], usize),
+    runs: &[Dataset],
+    thresholds: &Thresholds,
+) -> OnScales {
     let (mut changed, mut alignments) = (runs.to_vec(), Vec::with_capacity(runs.len()));
     let mut warmer_k: Vec<Vec<Option<f64>>> = Vec::with_capacity(runs.len());
     for (run, own) in changed.iter_mut().zip(first..) {
@@ -296,7 +298,7 @@ pub(super) fn on_scales_of((references, first): (&[Dataset], usize), runs: &[Dat
     }
     let contrast = |warmer_k: &Vec<Option<f64>>| {
         let known: Vec<f64> = warmer_k.iter().copied().flatten().collect();
-        (known.iter().sum::<f64>() / known.len().max(1) as f64).abs() >= LEAST_CONTRAST_K
+        (known.iter().sum::<f64>() / known.len().max(1) as f64).abs() >= thresholds.least_contrast_k
     };
     if warmer_k.iter().any(contrast) {
         for (run, warmer_k) in changed.iter_mut().zip(&warmer_k) {

@@ -9,34 +9,16 @@ use super::interval::Contents;
 use super::joint::{Fitted, Joint};
 use super::paired::{self, Paired, PairedRun};
 use super::refusal::{BaseFault, Refusal};
-use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, NEXT_TO_NOTHING, Passed, Round, implausible};
+use super::round::{FINAL, Passed, Round, implausible};
 use super::rows::{Rows, dot};
 use super::space::{with_effect, without_effect};
-use super::{Runs, Settings, Stage, alternative, check, correlation, floor, score, test_runs};
+use super::{Runs, Settings, Stage, Thresholds, alternative, check, correlation, floor, score, test_runs};
 use crate::effect::{Augmented, Effect, EffectModel};
 use crate::error::{DiagnosisError, Error};
 use crate::identify::{Dataset, Scales, Watch};
 use crate::model::Model;
 use rayon::prelude::*;
 use std::collections::HashMap;
-
-/// Lack of fit below which there is nothing to explain.
-pub(super) const NOTHING: f64 = 0.1;
-/// Largest share of the reducible error that may remain for the verdict "explained".
-pub(super) const LITTLE: f64 = 0.2;
-/// Lack of fit above which the base may be inadequate.
-const INADEQUATE: f64 = 0.5;
-/// Least share of the change since the references that the effects found must account for in paired mode. The base's own error cancels
-/// there, so the rest is another change.
-const MOST_OF_CHANGE: f64 = 0.5;
-/// If no effect was named, the base is inadequate when the alternative structure removes more than this share of its reducible error.
-const HALF: f64 = 0.5;
-/// An estimated noise floor whose square is this many times the mean square of a model's residual is wrong: the residual contains
-/// the noise.
-const CONTRADICTED: f64 = 1.2;
-/// Least drop for a refinement of an effect, as a share: of the reducible error on the training runs, and of the squared error on the
-/// validation runs.
-const REFINED: f64 = 0.02;
 
 /// The inputs of a diagnosis: base, settings, and the rows of its runs.
 pub(super) struct Procedure<'a> {
@@ -243,7 +225,7 @@ impl<'a> Procedure<'a> {
         let noise = (floor.rsse_n * floor.rsse_n * self.estimate.len() as f64).min(base.squares);
         let (found, results) = (base.clone(), RoundResults::default());
         let searched = Searched { base, found, floor, noise, complete: false, results };
-        Ok(Searched { complete: searched.lof() < NOTHING, ..searched })
+        Ok(Searched { complete: searched.lof() < self.settings.thresholds.nothing_left, ..searched })
     }
 
     /// Refines the effects found and checks them against each other.
@@ -270,7 +252,7 @@ impl<'a> Procedure<'a> {
             true => base_floor,
             false => self.noise_floor(&pair.found)?,
         };
-        if lof_before >= NOTHING && !self.structure_compared {
+        if lof_before >= self.settings.thresholds.nothing_left && !self.structure_compared {
             stage(Stage::Alternative);
             results.base_fault = self.inadequate(&pair, floor.rsse_n, &results.fits)?;
         }
@@ -301,8 +283,8 @@ impl<'a> Procedure<'a> {
         let doubles = self.mode == DiagnosisMode::Paired && floor.source != FloorSource::Declared;
         let factor = if doubles { 2.0_f64 } else { 1.0 };
         let floor = NoiseFloor { rsse_n: floor.rsse_n * factor.sqrt(), esr: floor.esr * factor, ..floor };
-        let contradicted =
-            floor.rsse_n * floor.rsse_n * self.estimate.len() as f64 > CONTRADICTED * fitted.squares;
+        let contradicted = floor.rsse_n * floor.rsse_n * self.estimate.len() as f64
+            > self.settings.thresholds.floor_contradicted * fitted.squares;
         Ok(if floor.source == FloorSource::Estimated && contradicted { NoiseFloor::UNKNOWN } else { floor })
     }
 
@@ -310,7 +292,7 @@ impl<'a> Procedure<'a> {
     pub(super) fn next_round(&self, searched: &mut Searched, stage: &dyn Fn(Stage)) -> Result<(), Error> {
         let Searched { base, found, noise, results, complete, .. } = searched;
         let base_reducible = base.squares - *noise;
-        *complete |= found.squares - *noise < NEXT_TO_NOTHING * base_reducible;
+        *complete |= found.squares - *noise < self.settings.thresholds.least_of_base * base_reducible;
         if *complete {
             return Ok(());
         }
@@ -352,8 +334,11 @@ impl<'a> Procedure<'a> {
         let share =
             (pair.base.squares - pair.found.squares) / (pair.base.squares - noise).max(f64::MIN_POSITIVE);
         let found = self.findings(&pair.found.model).next().is_some();
-        (self.mode == DiagnosisMode::Paired && found && share < MOST_OF_CHANGE)
-            .then_some(Refusal::MostIsSomethingElse { share, needed: MOST_OF_CHANGE })
+        (self.mode == DiagnosisMode::Paired && found && share < self.settings.thresholds.most_of_change)
+            .then_some(Refusal::MostIsSomethingElse {
+                share,
+                needed: self.settings.thresholds.most_of_change,
+            })
     }
 
     /// Why the base is inadequate; `None` if it is adequate.
@@ -363,7 +348,7 @@ impl<'a> Procedure<'a> {
         }
         let (before, after) = (pair.base_confirm.squares, pair.found_confirm.squares);
         let noise = noise_n * noise_n * self.confirm.len() as f64;
-        if 1.0 - noise / after <= INADEQUATE {
+        if 1.0 - noise / after <= self.settings.thresholds.lack_of_fit {
             return Ok(None);
         }
         let (alternative, one) = rayon::join(
@@ -380,7 +365,11 @@ impl<'a> Procedure<'a> {
         );
         let (Some(alternative), one) = (alternative?, one?) else { return Ok(None) };
         let (named, one) = (one.is_some(), one.unwrap_or(after));
-        let bound = if named { after.max(one) } else { before - HALF * (before - noise).max(0.0) };
+        let bound = if named {
+            after.max(one)
+        } else {
+            before - self.settings.thresholds.alternative_removes * (before - noise).max(0.0)
+        };
         Ok((alternative.squares < bound).then(|| BaseFault {
             base: self.base.force.name(),
             alternative: alternative.name,
@@ -417,7 +406,9 @@ impl<'a> Procedure<'a> {
             let Some(refined) = self.joint().refit(&start, FINAL)? else { continue };
             let share = (current.squares - refined.squares) / (current.squares - noise);
             let confirmed = self.round(noise, 0).confirmed(&current.model, &refined.model);
-            if share >= REFINED && confirmed.is_ok_and(|share| share >= REFINED) {
+            if share >= self.settings.thresholds.least_refinement
+                && confirmed.is_ok_and(|share| share >= self.settings.thresholds.least_refinement)
+            {
                 current = refined;
             }
         }
@@ -538,8 +529,8 @@ impl<'a> Procedure<'a> {
         let round = self.round(noise, 0);
         let drop = without.squares - current.squares;
         let confirmed = round.confirmed(&without.model, &current.model);
-        let needed = drop / (without.squares - noise) >= LEAST_SHARE
-            && confirmed.is_ok_and(|share| share >= LEAST_CONFIRMED);
+        let needed = drop / (without.squares - noise) >= self.settings.thresholds.least_share
+            && confirmed.is_ok_and(|share| share >= self.settings.thresholds.least_confirmed);
         if needed { round.beyond_structure(effect, drop) } else { Err(Refusal::NotNeeded) }
     }
 
@@ -560,7 +551,7 @@ impl<'a> Procedure<'a> {
         let held = test.as_ref().is_none_or(super::TestResult::proves);
         let verdict = match results.base_fault {
             Some(_) => Verdict::BaseInadequate,
-            None => verdict(&remaining, !effects.is_empty() && held),
+            None => verdict(&remaining, !effects.is_empty() && held, &self.settings.thresholds),
         };
         let confirm = test_runs::run_errors(&self.confirm, &pair.base_confirm, &pair.found_confirm);
         Ok(DiagnosisResult {
@@ -667,10 +658,10 @@ pub(super) fn model_of(
 }
 
 /// The verdict; `named` if effects or terms were found and hold on the test runs.
-pub(super) fn verdict(left: &RemainingError, named: bool) -> Verdict {
+pub(super) fn verdict(left: &RemainingError, named: bool, thresholds: &Thresholds) -> Verdict {
     match named {
-        _ if left.lof_before < NOTHING => Verdict::NothingToExplain,
-        true if left.share <= LITTLE => Verdict::Explained,
+        _ if left.lof_before < thresholds.nothing_left => Verdict::NothingToExplain,
+        true if left.share <= thresholds.little_left => Verdict::Explained,
         true => Verdict::PartlyExplained,
         false => Verdict::Unexplained,
     }

@@ -16,48 +16,15 @@ use crate::error::Error;
 use crate::statistics::block_sums::adjusted_p_values;
 use rayon::prelude::*;
 
-/// Least share of the reducible error that a score must predict to remove before the candidate is refitted. The threshold is low
-/// because a lag is far from linear: it may remove several times what its score predicts.
-const WORTH_A_REFIT: f64 = 0.03;
 /// Largest number of candidates that are refitted in a round.
 const MOST_REFITS: usize = 6;
 /// Evaluations of a refit that ranks the candidates.
 const RANKING: usize = 8;
 /// Evaluations of a complete refit.
 pub(super) const FINAL: usize = 60;
-/// Least share of the reducible error that an effect must remove.
-pub(super) const LEAST_SHARE: f64 = 0.1;
-/// Least share after the ranking refit; below it the complete refit is not worth the time.
-const HOPELESS: f64 = 0.07;
-/// Least share of the squared error on the validation runs that an effect must remove.
-pub(super) const LEAST_CONFIRMED: f64 = 0.02;
-/// Least change of the force by an effect, once the base has adapted to it, as a share of the force (standard deviations). A base is
-/// never exactly of the damper's structure, and what it cannot follow looks like a small effect. On dampers with bristles, the Bouc-Wen
-/// law with a spring in series fits to 0.6 %, and effects that were not there changed the force by 0.15 to 0.27 %; effects that were
-/// there, by 0.55 % or more. Friction of 80 N beside a base of the right structure changes it by 0.17 to 0.4 %, so the limit does not apply
-/// to a base that the user fixes. It does not apply to effects that follow time or temperature either.
-pub(super) const LEAST_OF_FORCE: f64 = 0.004;
-/// Least share of the base's reducible error that an effect must remove: the base's own misfit around a large effect is of this size. If
-/// less than this remains, no further effect is searched for.
-pub(super) const NEXT_TO_NOTHING: f64 = 0.001;
-/// The same if structures are compared and the effect does not follow time. Beside a large effect, a base that is not of the damper's structure shows small ones that are not there: on dampers with bristles and
-/// a velocity saturation, an inertia of 0.7 to 1.2 %. Of the effects that were there, each removed 1.8 % or more.
-const LEAST_BESIDE: f64 = 0.015;
-/// The same in paired mode, where the change that an effect makes to the base has the base's own errors. Beside a dead zone, a spring in
-/// series and a delay removed 4 to 6 % that were not there; the warm gas of a real damper removes 7 % beside the fading of the force.
-const LEAST_BESIDE_IN_PAIRS: f64 = 0.05;
 /// Effects that change the phase of the force. On one motion they look alike: a spring, a mass and a delay add a force in quadrature.
 const OF_PHASE: [&str; 6] =
     ["gas_spring", "end_stop", "inertia", "force_lag", "sensor_delay", "anti_alias_mismatch"];
-/// A validation run counts as worse if its squared error grows by more than this share of itself and by more than [`MATTERS`]. Both
-/// are needed because a refit of the base changes the small error of runs in which the effect plays no part, up or down.
-const WORSE: f64 = 0.05;
-/// Growth of one run's squared error that matters, as a share of what is saved on all validation runs.
-const MATTERS: f64 = 0.05;
-/// A candidate that removes at least this share of what the best one removes is in the same class.
-const SAME_CLASS: f64 = 0.9;
-/// The data cannot separate effects whose scores are correlated by at least this much.
-const ALIKE: f64 = 0.95;
 
 /// An effect that passed.
 pub(super) struct Passed {
@@ -118,7 +85,10 @@ impl Round<'_> {
             })
             .collect();
         let mut worth: Vec<usize> = (0..scores.len())
-            .filter(|&k| adjusted[k] <= self.settings.significance && candidates[k].promises >= WORTH_A_REFIT)
+            .filter(|&k| {
+                adjusted[k] <= self.settings.significance
+                    && candidates[k].promises >= self.settings.thresholds.worth_a_refit
+            })
             .collect();
         worth.sort_by(|a, b| scores[*b].predicted_drop.total_cmp(&scores[*a].predicted_drop));
         worth.truncate(MOST_REFITS);
@@ -134,7 +104,8 @@ impl Round<'_> {
         refits.sort_by(|a, b| b.drop.total_cmp(&a.drop));
         if let Some(most) = refits.first().map(|best| best.drop).filter(|_| !self.joint.base_moves) {
             // On one motion the form of an effect shows little: of those that remove about as much, the one with the fewest parameters.
-            let alike = refits.partition_point(|refitted| refitted.drop >= SAME_CLASS * most);
+            let alike = refits
+                .partition_point(|refitted| refitted.drop >= self.settings.thresholds.same_class * most);
             refits[..alike].sort_by_key(|refitted| refitted.score.effect.parameters().len());
         }
         let (mut refused, mut passed) = (Vec::new(), None);
@@ -144,7 +115,8 @@ impl Round<'_> {
                     let mut class = self.class(current, best, &refits, scores)?;
                     // A change since the references that could not be tested, and would remove as much, is not excluded.
                     let as_much = |score: &&Score| {
-                        !self.joint.base_moves && score.predicted_drop >= SAME_CLASS * best.drop
+                        !self.joint.base_moves
+                            && score.predicted_drop >= self.settings.thresholds.same_class * best.drop
                     };
                     for silent in all.silent.iter().filter(as_much) {
                         if !class.contains(&silent.effect.id()) {
@@ -152,7 +124,7 @@ impl Round<'_> {
                         }
                     }
                     if OF_PHASE.contains(&class[0])
-                        && is_neutral(self.joint.rows, &change_n(current, &fitted))
+                        && is_neutral(self.joint.rows, &change_n(current, &fitted), &self.settings.thresholds)
                     {
                         let others = OF_PHASE.into_iter().filter(|id| self.settings.effects.has_id(id));
                         let new: Vec<&str> = others.filter(|id| !class.contains(id)).collect();
@@ -182,21 +154,24 @@ impl Round<'_> {
     /// Fits `candidate` completely and checks it: the fitted model, or why it is rejected.
     fn validate(&self, current: &Fitted, candidate: &Refitted) -> Result<Result<Fitted, Refusal>, Error> {
         let ranked = candidate.drop / (current.squares - self.noise);
-        if ranked.is_nan() || ranked < HOPELESS {
-            return Ok(Err(Refusal::TooSmall { share: ranked, needed: LEAST_SHARE }));
+        if ranked.is_nan() || ranked < self.settings.thresholds.hopeless {
+            return Ok(Err(Refusal::TooSmall {
+                share: ranked,
+                needed: self.settings.thresholds.least_share,
+            }));
         }
         let Some(fitted) = self.joint.refit(&candidate.fitted.model, FINAL)? else {
             return Ok(Err(Refusal::Diverges));
         };
         let share = (current.squares - fitted.squares) / (current.squares - self.noise);
-        if share.is_nan() || share < LEAST_SHARE {
-            return Ok(Err(Refusal::TooSmall { share, needed: LEAST_SHARE }));
+        if share.is_nan() || share < self.settings.thresholds.least_share {
+            return Ok(Err(Refusal::TooSmall { share, needed: self.settings.thresholds.least_share }));
         }
         let (effect, drop) = (candidate.score.effect, current.squares - fitted.squares);
         let needed_of_base = match self.force > 0.0 && !effect.follows_time() {
-            _ if !self.joint.base_moves => LEAST_BESIDE_IN_PAIRS,
-            true => LEAST_BESIDE,
-            false => NEXT_TO_NOTHING,
+            _ if !self.joint.base_moves => self.settings.thresholds.least_beside_in_pairs,
+            true => self.settings.thresholds.least_beside,
+            false => self.settings.thresholds.least_of_base,
         };
         if drop < needed_of_base * self.base_reducible {
             return Ok(Err(Refusal::WithinMisfit { share, needed_of_base }));
@@ -206,7 +181,7 @@ impl Round<'_> {
         }
         let change_n = change_n(current, &fitted);
         if let Some(Contradiction { residual_j, effect_j }) =
-            denies(self.joint.rows, &current.residual_n, &change_n)
+            denies(self.joint.rows, &current.residual_n, &change_n, &self.settings.thresholds)
         {
             return Ok(Err(Refusal::EnergyContradicts { effect_j, residual_j }));
         }
@@ -228,9 +203,11 @@ impl Round<'_> {
     /// Rejects an effect that removes so little squared error that the structure of the base may be the cause.
     pub(super) fn beyond_structure(&self, effect: Effect, drop: f64) -> Result<(), Refusal> {
         let of_force = if self.force > 0.0 { (drop.max(0.0) / self.force).sqrt() } else { f64::INFINITY };
-        match effect.follows_time() || of_force >= LEAST_OF_FORCE {
+        match effect.follows_time() || of_force >= self.settings.thresholds.least_of_force {
             true => Ok(()),
-            false => Err(Refusal::WithinStructure { of_force, needed: LEAST_OF_FORCE }),
+            false => {
+                Err(Refusal::WithinStructure { of_force, needed: self.settings.thresholds.least_of_force })
+            }
         }
     }
 
@@ -253,14 +230,19 @@ impl Round<'_> {
                 dot(part, part)
             };
             let (was, is) = (squares(&before), squares(&after));
-            if is > (1.0 + WORSE) * was && is - was > MATTERS * saved {
+            if is > (1.0 + self.settings.thresholds.worse_run) * was
+                && is - was > self.settings.thresholds.matters * saved
+            {
                 let run = run.dataset.name.clone();
                 return Err(Refusal::WorseInValidation { run, increase: is / was - 1.0 });
             }
         }
         let share = saved / before.squares;
-        if share.is_nan() || share < LEAST_CONFIRMED {
-            return Err(Refusal::TooSmallInValidation { share, needed: LEAST_CONFIRMED });
+        if share.is_nan() || share < self.settings.thresholds.least_confirmed {
+            return Err(Refusal::TooSmallInValidation {
+                share,
+                needed: self.settings.thresholds.least_confirmed,
+            });
         }
         Ok(share)
     }
@@ -279,7 +261,9 @@ impl Round<'_> {
                 class.push(effect.id());
             }
         };
-        for other in refits.iter().filter(|other| other.drop >= SAME_CLASS * best.drop) {
+        for other in
+            refits.iter().filter(|other| other.drop >= self.settings.thresholds.same_class * best.drop)
+        {
             let effects = other.fitted.model.effects().as_slice();
             let Some(index) = effects.iter().position(|e| e.effect() == other.score.effect) else { continue };
             let found = self.intervals(&other.fitted, Contents::Chance)?.of(index);
@@ -290,7 +274,9 @@ impl Round<'_> {
                 join(other.score.effect);
             }
         }
-        let alike = |a: &[f64], b: &[f64]| dot(a, b).abs() / (dot(a, a) * dot(b, b)).sqrt() >= ALIKE;
+        let alike = |a: &[f64], b: &[f64]| {
+            dot(a, b).abs() / (dot(a, a) * dot(b, b)).sqrt() >= self.settings.thresholds.alike_scores
+        };
         for score in
             scores.iter().filter(|score| score.predicted_drop > 0.0 && alike(&score.own, &best.score.own))
         {

@@ -24,8 +24,6 @@ use rayon::prelude::*;
 /// Least change of the force by the probe of an effect, root mean square, as a share of the force's scale; below it the runs do not excite
 /// the effect.
 const LEAST_CHANGE: f64 = 1e-9;
-/// Least share of a score that must remain after projection; below it the base can absorb the whole effect.
-const LEAST_IDENTIFIABLE: f64 = 0.01;
 /// Share of a score that remains after projection, from which the first fit may use the known derivatives.
 const MOSTLY_ITS_OWN: f64 = 0.8;
 /// Starts of a refit, as shares of the size that the score indicates.
@@ -228,10 +226,10 @@ fn held_score(
     }
     let whole = own.clone();
     let identifiable = span.take_out(&mut own);
-    if identifiable < LEAST_IDENTIFIABLE {
+    if identifiable < settings.thresholds.least_identifiable {
         return Err(Refusal::NotIdentifiable {
             identifiable,
-            needed: LEAST_IDENTIFIABLE,
+            needed: settings.thresholds.least_identifiable,
             excitation: effect.separated_by(),
         });
     }

@@ -30,23 +30,12 @@ use super::joint::Fitted;
 use super::procedure::{Procedure, Searched};
 use super::refusal::Refusal;
 use super::rows::Rows;
-use super::{Runs, Settings, Stage, check, discover, test_runs};
+use super::{Runs, Settings, Stage, Thresholds, check, discover, test_runs};
 use crate::error::{DiagnosisError, Error, IdentifyError};
 use crate::force::{ForceLaw, Form};
 use crate::identify::{ModelSpec, Options, Structure, Watch, identify_datasets};
 use crate::model::Model;
 
-/// A structure fits worse than the best one if the ratio of their squared errors is below this and its interval is below one.
-const ABOUT_AS_WELL: f64 = 0.9;
-/// A structure is not searched further if the squared error of another one, a round earlier, is below this share of its own.
-const SURPASSED: f64 = 0.1;
-/// A structure is far behind if this ratio is below this with the effects that the rounds found. The checks of these effects, which follow,
-/// change the error by much less.
-const FAR_BEHIND: f64 = 0.5;
-/// The limit of [`ABOUT_AS_WELL`] where the validation runs are too short for an interval.
-const ABOUT_AS_WELL_UNPROVED: f64 = 0.8;
-/// Parameters of an effect under two structures are the same if they differ by less than this share, or if their intervals overlap.
-const SAME_PARAMETER: f64 = 0.25;
 /// Restarts for a force law, whose parameters are polynomials of the drive; each costs several times one of fuzzy-tanh. With 4, the fit of
 /// the Bouc-Wen law ends at a local minimum in 2 of 4 cases.
 const LAW_RESTARTS: u32 = 12;
@@ -245,7 +234,9 @@ impl Choice<'_> {
             let least = usable().map(|one| one.confirm.squares).fold(f64::INFINITY, f64::min);
             for (name, one) in searched.iter_mut() {
                 let Ok(candidate) = one else { continue };
-                if candidate.searched.is_complete() || earlier < SURPASSED * candidate.confirm.squares {
+                if candidate.searched.is_complete()
+                    || earlier < self.settings.thresholds.surpassed * candidate.confirm.squares
+                {
                     continue;
                 }
                 (self.stage)(Stage::Search(name));
@@ -330,15 +321,15 @@ impl Choice<'_> {
 
     /// True if a structure with the errors `one` on the validation rows is not far behind one with the squared error `best`.
     fn keeps_up(&self, one: &Fitted, best: f64) -> bool {
-        best > FAR_BEHIND * one.squares
+        best > self.settings.thresholds.far_behind * one.squares
     }
 
     /// True if `one` fits the validation rows about as well as `best`.
     fn fits_as_well(&self, one: &Diagnosed, best: &Diagnosed) -> bool {
         let compared = test_runs::read(&self.confirm, &one.confirm, &best.confirm, 0.0, self.settings);
         compared.is_some_and(|compared| match compared.ratio_ci95 {
-            Ok([_, high]) => high >= 1.0 || compared.ratio > ABOUT_AS_WELL,
-            Err(_) => compared.ratio > ABOUT_AS_WELL_UNPROVED,
+            Ok([_, high]) => high >= 1.0 || compared.ratio > self.settings.thresholds.about_as_well,
+            Err(_) => compared.ratio > self.settings.thresholds.about_as_well_unproved,
         })
     }
 
@@ -353,7 +344,9 @@ impl Choice<'_> {
         loop {
             let alike = if dependent.is_empty() { Alike::ByClass } else { Alike::ById };
             let objection = |named: &NamedEffect| {
-                let why = others.iter().find_map(|other| objection(named, *other, alike))?;
+                let why = others
+                    .iter()
+                    .find_map(|other| objection(named, *other, alike, &self.settings.thresholds))?;
                 Some(RefusedEffect { effect: named.effect.effect(), why })
             };
             let more: Vec<RefusedEffect> = result.effects.iter().filter_map(objection).collect();
@@ -387,6 +380,7 @@ fn objection(
     named: &NamedEffect,
     (structure, other): (&'static str, &Diagnosed),
     alike: Alike,
+    thresholds: &Thresholds,
 ) -> Option<Refusal> {
     let id = named.effect.effect().id();
     let same = |theirs: &&NamedEffect| {
@@ -400,7 +394,10 @@ fn objection(
     let pairs = named.parameters.iter().filter_map(|own| {
         theirs.parameters.iter().find(|their| their.name == own.name).map(|their| (own, their))
     });
-    pairs.filter(|(own, their)| !agree(own, their)).map(|(own, their)| differs(structure, own, their)).next()
+    pairs
+        .filter(|(own, their)| !agree(own, their, thresholds))
+        .map(|(own, their)| differs(structure, own, their))
+        .next()
 }
 
 fn differs(structure: &'static str, own: &FoundParameter, their: &FoundParameter) -> Refusal {
@@ -412,10 +409,12 @@ fn differs(structure: &'static str, own: &FoundParameter, their: &FoundParameter
     }
 }
 
-/// True if two values of a parameter are the same within their intervals or within [`SAME_PARAMETER`].
-fn agree(own: &FoundParameter, their: &FoundParameter) -> bool {
+/// True if two values of a parameter are the same within their intervals or within [`Thresholds::same_parameter`].
+fn agree(own: &FoundParameter, their: &FoundParameter, thresholds: &Thresholds) -> bool {
     let overlap = own.ci95[0] <= their.ci95[1] && their.ci95[0] <= own.ci95[1];
-    overlap || (own.value - their.value).abs() <= SAME_PARAMETER * own.value.abs().max(their.value.abs())
+    overlap
+        || (own.value - their.value).abs()
+            <= thresholds.same_parameter * own.value.abs().max(their.value.abs())
 }
 
 #[cfg(test)]
@@ -433,10 +432,10 @@ mod tests {
 
     #[test]
     fn values_agree_if_their_intervals_overlap_or_they_are_close() {
-        let own = parameter(0.012, 0.001);
-        assert!(agree(&own, &parameter(0.0138, 0.001)), "intervals overlap");
-        assert!(agree(&own, &parameter(0.0145, 0.0001)), "21 % apart");
-        assert!(!agree(&own, &parameter(0.02, 0.001)), "67 % apart, and intervals apart");
-        assert!(!agree(&own, &parameter(-0.012, 0.001)), "another sign");
+        let (own, thresholds) = (parameter(0.012, 0.001), Thresholds::default());
+        assert!(agree(&own, &parameter(0.0138, 0.001), &thresholds), "intervals overlap");
+        assert!(agree(&own, &parameter(0.0145, 0.0001), &thresholds), "21 % apart");
+        assert!(!agree(&own, &parameter(0.02, 0.001), &thresholds), "67 % apart, and intervals apart");
+        assert!(!agree(&own, &parameter(-0.012, 0.001), &thresholds), "another sign");
     }
 }

@@ -19,16 +19,13 @@
 use super::nuisance::{HealthySide, KnownStructure, Nuisance, Side};
 use super::screen::is_identifiable;
 use super::{Search, with_term};
+use crate::diagnose::Thresholds;
 use crate::diagnose::joint::{Fitted, Joint};
 use crate::diagnose::rows::{Rows, dot};
 use crate::effect::Augmented;
 use crate::effect::term::{Form, Origin, Term};
 use crate::error::Error;
 
-/// Largest ratio of an effect.
-const EFFECT: f64 = 0.2;
-/// Least ratio of structure.
-pub(super) const STRUCTURE: f64 = 0.5;
 /// Share by which the amount is changed for its derivative.
 const STEP: f64 = 1e-3;
 /// Evaluations of the refit on the healthy runs.
@@ -73,7 +70,7 @@ impl Claim {
 }
 
 /// The claim about the last term of `model`. `healthy` is the model that was fitted on the healthy runs before, with its sides.
-pub(super) fn claim(healthy: Option<&Healthy>, term: &Term) -> Claim {
+pub(super) fn claim(healthy: Option<&Healthy>, term: &Term, thresholds: &Thresholds) -> Claim {
     let on_healthy = healthy.and_then(|healthy| healthy.ratio(term));
     let (_, argument, form) = term.kind();
     let local = matches!(form, Form::Sine | Form::Bump | Form::Step | Form::Window | Form::Staircase);
@@ -84,8 +81,8 @@ pub(super) fn claim(healthy: Option<&Healthy>, term: &Term) -> Claim {
         (_, Origin::Input) => false,
     };
     match on_healthy {
-        Some(ratio) if ratio >= STRUCTURE => Claim::Structure { on_healthy: ratio },
-        Some(ratio) if ratio > EFFECT && !beyond_structure => {
+        Some(ratio) if ratio >= thresholds.structure_on_healthy => Claim::Structure { on_healthy: ratio },
+        Some(ratio) if ratio > thresholds.effect_on_healthy && !beyond_structure => {
             Claim::EffectOrStructure { on_healthy: Some(ratio) }
         }
         None if !beyond_structure => Claim::EffectOrStructure { on_healthy: None },

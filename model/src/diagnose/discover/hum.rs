@@ -27,11 +27,6 @@ const LEAST_PERIODS: f64 = 20.0;
 const OF_RATE: f64 = 0.45;
 /// Frequencies on each side from which the median is taken.
 const NEARBY: usize = 48;
-/// Largest P over its median that the simulated force may have at a hum.
-const MOST_IN_FORCE: f64 = 12.0;
-/// Largest p of a hum, and the least share of the squared error on the validation runs.
-const SIGNIFICANT: f64 = 0.01;
-const LEAST_SHARE: f64 = 0.05;
 /// Mean square of the amplitude of noise alone in a Hann window, in units of its variance over the number of samples.
 const OF_NOISE: f64 = 6.0;
 /// Steps of the search for the frequency within one step of the grid.
@@ -97,12 +92,15 @@ pub(super) fn find(search: &Search, model: &Augmented) -> Option<Hum> {
         [search.runs.estimate, search.runs.confirm].map(|runs| Rows::new(runs, usize::MAX));
     let train = Spectrum::new(&train, model)?;
     let confirm = Spectrum::new(&confirm, model)?;
-    let coarse_hz = train.line()?;
+    let coarse_hz = train.line(search.settings.thresholds.hum_in_force)?;
     let at = |j: usize| coarse_hz + train.step_hz * (2.0 * j as f64 / REFINED as f64 - 1.0);
     let power = |hz: &f64| train.power(*hz);
     let frequency_hz = (0..=REFINED).map(at).max_by(|a, b| power(a).total_cmp(&power(b)))?;
     let (p, share) = (confirm.p(frequency_hz)?, confirm.share(frequency_hz));
-    if p > SIGNIFICANT || share.is_nan() || share < LEAST_SHARE {
+    if p > search.settings.thresholds.hum_p
+        || share.is_nan()
+        || share < search.settings.thresholds.hum_least_share
+    {
         return None;
     }
     // Each run has its own phase. The squared amplitude of noise alone is taken off.
@@ -236,10 +234,10 @@ impl Spectrum {
     }
 
     /// Frequency of the highest line that the simulated force does not have, Hz.
-    fn line(&self) -> Option<f64> {
+    fn line(&self, most_in_force: f64) -> Option<f64> {
         let [first, last] = self.band;
         let over = |powers: &[f64], index| powers[index] / Self::median(powers, index);
-        let own = |index: &usize| over(&self.force, *index) < MOST_IN_FORCE;
+        let own = |index: &usize| over(&self.force, *index) < most_in_force;
         let lines = (first..last.min(self.error.len())).map(|index| (index, over(&self.error, index)));
         let mut lines: Vec<(usize, f64)> = lines.filter(|(_, ratio)| ratio.is_finite()).collect();
         lines.sort_by(|(_, a), (_, b)| b.total_cmp(a));

@@ -43,9 +43,8 @@ use super::blocks::Blocks;
 use super::finding::{NamedEffect, RefusedEffect};
 use super::interval::{Contents, Intervals};
 use super::joint::{Fitted, Joint};
-use super::procedure::{LITTLE, NOTHING, model_of, remaining_error, verdict};
+use super::procedure::{model_of, remaining_error, verdict};
 use super::refusal::Refusal;
-use super::round::LEAST_CONFIRMED;
 use super::rows::Rows;
 use super::space::without_effect;
 use super::{DiagnosisMode, DiagnosisResult, Runs, Settings, Stage, Verdict, test_runs};
@@ -53,7 +52,7 @@ use crate::effect::term::{Argument, MAX_TERMS, Modulator, Term, Terms};
 use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::Error;
 use crate::identify::{Dataset, Scales, Watch};
-use claim::{Healthy, STRUCTURE};
+use claim::Healthy;
 use nuisance::Sides;
 use screen::Pair;
 use settle::Settled;
@@ -186,7 +185,7 @@ pub(super) fn extend(
     watch: &Watch,
     stage: &dyn Fn(Stage),
 ) -> Result<DiagnosisResult, Error> {
-    let nothing_left = result.remaining.lof < NOTHING;
+    let nothing_left = result.remaining.lof < settings.thresholds.nothing_left;
     let no_name = matches!(result.verdict, Verdict::BaseInadequate | Verdict::NothingToExplain);
     if settings.most_terms == 0 || result.mode == DiagnosisMode::Paired || no_name || nothing_left {
         return Ok(result);
@@ -209,7 +208,7 @@ pub(super) fn extend(
     let start = result.after.augmented();
     // Where the library has explained the error, what is left is a detail of the structure, or an effect that no structure contains.
     // The verdict is not asked: it depends on the test runs.
-    let only_beyond = !result.effects.is_empty() && result.remaining.share <= LITTLE;
+    let only_beyond = !result.effects.is_empty() && result.remaining.share <= settings.thresholds.little_left;
     let found = search.run(&start, result.noise_floor.rsse_n, only_beyond, stage)?;
     let mut result = match found {
         Some(found) => search.conclude(result, found)?,
@@ -323,15 +322,20 @@ impl<'a> Search<'a> {
                     None => break,
                 },
             };
-            if 1.0 - noise / here.sides.confirm.raw_squares() < NOTHING {
+            if 1.0 - noise / here.sides.confirm.raw_squares() < self.settings.thresholds.nothing_left {
                 break;
             }
-            let shown = |pair: &&Pair| structure_too || pair.on_healthy.is_none_or(|ratio| ratio < STRUCTURE);
+            let shown = |pair: &&Pair| {
+                structure_too
+                    || pair
+                        .on_healthy
+                        .is_none_or(|ratio| ratio < self.settings.thresholds.structure_on_healthy)
+            };
             let pairs: Vec<&Pair> = here.pairs.iter().filter(shown).collect();
             let known = here.healthy.as_ref().and_then(Healthy::structure);
             match settle::settle(&search, &fitted, &here.sides, known, &pairs, &blocks)? {
                 Ok(Settled { fitted: next, term, class, p, confirmed }) => {
-                    let claim = claim::claim(here.healthy.as_ref(), &term);
+                    let claim = claim::claim(here.healthy.as_ref(), &term, &self.settings.thresholds);
                     let (ci95, curve) = (Vec::new(), Vec::new());
                     discovery.terms.push(FoundTerm { term, claim, class, p, confirmed, ci95, curve });
                     beyond.push(beyond_structure);
@@ -384,7 +388,13 @@ impl<'a> Search<'a> {
         let healthy = Healthy::new(self, healthy_rows, &fitted.model)?;
         let known = healthy.as_ref().and_then(Healthy::structure);
         let Some(sides) = Sides::new(self, fitted, known)? else { return Ok(None) };
-        let pairs = screen::pairs(&sides, healthy.as_ref(), fitted.model.effects().terms(), blocks);
+        let pairs = screen::pairs(
+            &sides,
+            healthy.as_ref(),
+            fitted.model.effects().terms(),
+            blocks,
+            &self.settings.thresholds,
+        );
         Ok(Some(Screened { beyond_structure: self.beyond_structure, sides, healthy, pairs }))
     }
 
@@ -431,7 +441,7 @@ impl<'a> Search<'a> {
         let held = test.as_ref().is_none_or(super::TestResult::proves);
         let after = model_of(&before, Some(&train), &fitted, run_errors.iter().map(|run| run.after.rsse_n));
         Ok(DiagnosisResult {
-            verdict: verdict(&remaining, held),
+            verdict: verdict(&remaining, held, &self.settings.thresholds),
             effects: kept,
             refused,
             confirm: run_errors,
@@ -458,7 +468,8 @@ impl<'a> Search<'a> {
                 false => self.joint.refit(&without_effect(&fitted.model, index)?, REFIT)?,
             };
             let needless = |without: &Fitted| {
-                squares(&without.model) <= (1.0 + LEAST_CONFIRMED) * squares(&fitted.model)
+                squares(&without.model)
+                    <= (1.0 + self.settings.thresholds.least_confirmed) * squares(&fitted.model)
             };
             match without.filter(needless) {
                 Some(without) => fitted = without,

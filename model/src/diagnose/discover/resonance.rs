@@ -12,6 +12,7 @@ use super::claim::Healthy;
 use super::nuisance::{Side, Sides};
 use super::screen::{Pair, is_identifiable, score};
 use super::series::RESONANT;
+use crate::diagnose::Thresholds;
 use crate::diagnose::rows::dot;
 use crate::diagnose::space::bounds_of_term;
 use crate::effect::term::{Argument, Form, Modulator, Term};
@@ -43,6 +44,7 @@ pub(super) fn pairs<'s>(
     sides: &'s Sides,
     healthy: Option<&'s Healthy>,
     blocks: &'s BothBlocks,
+    thresholds: &'s Thresholds,
 ) -> impl Iterator<Item = Pair> + use<'s> {
     let longest_s = sides.train.rows.runs().iter().map(|run| run.step_s).fold(0.0, f64::max);
     let highest_hz = OF_RATE / longest_s;
@@ -51,7 +53,7 @@ pub(super) fn pairs<'s>(
         .take_while(|hz| *hz <= highest_hz)
         .flat_map(|hz| DAMPINGS.map(|damping| [hz, damping]))
         .collect();
-    RESONANT.into_iter().filter_map(move |argument| pair(sides, healthy, argument, &grid, blocks))
+    RESONANT.into_iter().filter_map(move |argument| pair(sides, healthy, argument, &grid, blocks, thresholds))
 }
 
 /// The amount that fits a side, and the drop of its squared error, N²; `None` if the nuisance columns can take its place.
@@ -67,6 +69,7 @@ fn pair(
     argument: Argument,
     grid: &[[f64; 2]],
     blocks: &BothBlocks,
+    thresholds: &Thresholds,
 ) -> Option<Pair> {
     let column = |side: &Side, parameters| side.series.resonance(side.rows, argument, parameters);
     let candidates = grid.par_iter().filter_map(|parameters| {
@@ -92,7 +95,7 @@ fn pair(
         parameters: parameters.to_vec(),
         range,
         train_gain,
-        score: score(gain, parameters.len()),
+        score: score(gain, parameters.len(), thresholds),
         gains: forward.into_iter().chain(backward).collect(),
         on_healthy,
     })

@@ -19,6 +19,7 @@ use super::claim::Healthy;
 use super::nuisance::{Side, Sides};
 use super::resonance;
 use super::structure::place;
+use crate::diagnose::Thresholds;
 use crate::diagnose::blocks::Blocks;
 use crate::effect::term::{Argument, Form, MAX_FORM_PARAMETERS, Modulator, Term, Terms};
 use crate::error::Error;
@@ -29,10 +30,6 @@ use rayon::prelude::*;
 const KNOTS: usize = 48;
 /// The argument of the form that is the same for all arguments: it is in every run, and its range does not end with the run.
 const OF_CONSTANT: Argument = Argument::Displacement;
-/// Share of the best score within which the form with the fewest numbers is taken.
-const ALIKE: f64 = 0.02;
-/// Share of the gain that each number of a term costs when terms are compared.
-const COST_OF_NUMBER: f64 = 0.008;
 /// Share of a curve that must remain after projection; below it the nuisance space can take its place.
 const LEAST_IDENTIFIABLE: f64 = 1e-3;
 
@@ -42,8 +39,8 @@ pub(super) fn is_identifiable(power: f64, whole: f64) -> bool {
 }
 
 /// The score of a term with `parameters` numbers beside its amount, whose gain is `gain`, N².
-pub(super) fn score(gain: f64, parameters: usize) -> f64 {
-    if gain > 0.0 { gain * (1.0 - COST_OF_NUMBER * (1 + parameters) as f64) } else { gain }
+pub(super) fn score(gain: f64, parameters: usize, thresholds: &Thresholds) -> f64 {
+    if gain > 0.0 { gain * (1.0 - thresholds.cost_of_number * (1 + parameters) as f64) } else { gain }
 }
 
 /// The best closed form of a pair.
@@ -79,6 +76,7 @@ pub(super) fn pairs(
     healthy: Option<&Healthy>,
     taken: &Terms,
     blocks: &BothBlocks,
+    thresholds: &Thresholds,
 ) -> Vec<Pair> {
     let all: Vec<(Modulator, Argument)> = Modulator::ALL
         .into_iter()
@@ -86,11 +84,12 @@ pub(super) fn pairs(
         .filter(|(modulator, argument)| !(modulator.acts_on_input() && *argument == Argument::Force))
         .filter(|pair| taken.iter().all(|term| !repeats(*pair, term)))
         .collect();
-    let one =
-        |(modulator, argument): (Modulator, Argument)| pair(sides, healthy, modulator, argument, blocks);
+    let one = |(modulator, argument): (Modulator, Argument)| {
+        pair(sides, healthy, modulator, argument, blocks, thresholds)
+    };
     let mut found: Vec<Pair> = all.into_par_iter().filter_map(one).collect();
     let is_new = |pair: &Pair| taken.iter().all(|term| !repeats((pair.modulator, pair.argument), term));
-    found.extend(resonance::pairs(sides, healthy, blocks).filter(is_new));
+    found.extend(resonance::pairs(sides, healthy, blocks, thresholds).filter(is_new));
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     found
 }
@@ -240,6 +239,7 @@ fn pair(
     modulator: Modulator,
     argument: Argument,
     blocks: &BothBlocks,
+    thresholds: &Thresholds,
 ) -> Option<Pair> {
     let knots = knots(argument, sides.train.series.argument(argument)?, KNOTS)?;
     let [on_train, on_confirm] =
@@ -254,6 +254,7 @@ fn pair(
         train: train.fitted(&sides.train, &c),
         confirm: confirm.held_out(&sides.confirm, &c, &sides.train.d),
         knots: &knots,
+        thresholds,
     };
     let best = fit.best()?;
     let at_knots =
@@ -293,6 +294,7 @@ struct Fit<'a> {
     train: Sums,
     confirm: Sums,
     knots: &'a [f64],
+    thresholds: &'a Thresholds,
 }
 
 /// A closed form, fitted.
@@ -313,7 +315,7 @@ impl Fit<'_> {
         };
         let mut all: Vec<Curve> = Form::ALL.into_iter().filter_map(of_form).collect();
         let best = all.iter().map(|curve| curve.score).max_by(f64::total_cmp)?;
-        all.retain(|curve| curve.score >= best - ALIKE * best.abs());
+        all.retain(|curve| curve.score >= best - self.thresholds.form_alike * best.abs());
         let fewest = all.iter().map(|curve| curve.form.parameters().len()).min()?;
         all.retain(|curve| curve.form.parameters().len() == fewest);
         all.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
@@ -330,7 +332,7 @@ impl Fit<'_> {
         let along = g.dot(&self.train.b);
         let amount = along / power;
         let gain = 2.0 * amount * g.dot(&self.confirm.b) - amount * amount * g.dot(&(&self.confirm.a * &g));
-        let score = score(gain, form.parameters().len());
+        let score = score(gain, form.parameters().len(), self.thresholds);
         (amount.is_finite() && score.is_finite()).then_some(Curve {
             form,
             parameters,

@@ -2,7 +2,7 @@
 //!
 //! A closed form on hat functions is linear in its amount only, and a large effect has bent the base that was fitted without it. So the numbers
 //! of each of the best terms are refitted through the simulator, with the nuisance space projected off; then, for the rivals of the best,
-//! base, effects and terms together. The validation runs choose among them: within [`ALIKE`] of the least squared error the simplest wins,
+//! base, effects and terms together. The validation runs choose among them: within [`Thresholds::term_alike`](crate::diagnose::Thresholds::term_alike) of the least squared error the simplest wins,
 //! and the others are its class.
 
 use super::nuisance::{KnownStructure, Sides};
@@ -28,20 +28,10 @@ const BY_TRAINING: usize = 2;
 /// Evaluations of the refit of a term's numbers, and of the joint refit.
 const OF_TERM: usize = 12;
 const JOINTLY: usize = 30;
-/// Rivals of the best term: those whose squared error is at most this many times the least, and the most of them.
-const RIVAL: f64 = 3.0;
 const MOST_RIVALS: usize = 3;
-/// Largest p of an accepted term.
-const SIGNIFICANT: f64 = 0.01;
-/// Least share of the squared error on the validation runs that an accepted term removes.
-const LEAST_SHARE: f64 = 0.05;
-/// The same without the nuisance space, which is not in the model.
-const LEAST_RAW_SHARE: f64 = 0.02;
-/// Terms whose squared error on the validation runs is within this share of the least one are alike.
-const ALIKE: f64 = 0.03;
 /// Flips of signs.
 const FLIPS: u32 = 4_000;
-/// Least number of blocks of both sides: with fewer, no p is below [`SIGNIFICANT`].
+/// Least number of blocks of both sides: with fewer, no p is below 0.01.
 const LEAST_BLOCKS: usize = 7;
 
 /// An accepted term.
@@ -75,6 +65,7 @@ pub(super) fn settle(
     pairs: &[&Pair],
     blocks: &BothBlocks,
 ) -> Result<Result<Settled, Option<RefusedTerm>>, Error> {
+    let thresholds = &search.settings.thresholds;
     let mut chosen: Vec<&Pair> = pairs.iter().copied().take(BY_SCORE).collect();
     let mut by_training: Vec<&Pair> = pairs.iter().copied().skip(BY_SCORE).collect();
     by_training.sort_by(|a, b| b.train_gain.total_cmp(&a.train_gain));
@@ -89,16 +80,20 @@ pub(super) fn settle(
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
     // The base was fitted while the effect was there, which has bent it, so the rivals of the best are fitted with it.
     let least = refits.first().map_or(0.0, |best| best.squares);
-    refits.truncate(refits.partition_point(|one| one.squares <= RIVAL * least).min(MOST_RIVALS));
+    refits.truncate(
+        refits.partition_point(|one| one.squares <= thresholds.term_rival * least).min(MOST_RIVALS),
+    );
     let refits = refits.into_par_iter().map(|one| jointly(search, sides, known, one, blocks));
     let refits: Vec<Option<Refitted>> = refits.collect::<Result<_, Error>>()?;
     let mut refits: Vec<Refitted> = refits.into_iter().flatten().collect();
     refits.retain(|one| !has_no_peak(&one.term));
     // The nuisance space is not in the model: without it the term must help too.
-    refits.retain(|one| one.raw_squares < (1.0 - LEAST_RAW_SHARE) * sides.confirm.raw_squares());
+    refits.retain(|one| {
+        one.raw_squares < (1.0 - thresholds.term_least_raw_share) * sides.confirm.raw_squares()
+    });
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
     let Some(least) = refits.first().map(|best| best.squares) else { return Ok(Err(None)) };
-    refits.truncate(refits.partition_point(|one| one.squares <= (1.0 + ALIKE) * least));
+    refits.truncate(refits.partition_point(|one| one.squares <= (1.0 + thresholds.term_alike) * least));
     refits.sort_by_key(|one| simplicity(&one.term));
     let others = refits.split_off(1);
     let Some(best) = refits.pop() else { return Ok(Err(None)) };
@@ -109,10 +104,10 @@ pub(super) fn settle(
     let p = p_value(&best.gains, &rivals, search.settings.seed);
     let refused = if blocks.count() < LEAST_BLOCKS {
         Some(TermRefusal::TooFewBlocks { blocks: blocks.count(), needed: LEAST_BLOCKS })
-    } else if share.is_nan() || share < LEAST_SHARE {
-        Some(TermRefusal::TooSmall { share, needed: LEAST_SHARE })
-    } else if p > SIGNIFICANT {
-        Some(TermRefusal::NotSignificant { p, allowed: SIGNIFICANT })
+    } else if share.is_nan() || share < thresholds.term_least_share {
+        Some(TermRefusal::TooSmall { share, needed: thresholds.term_least_share })
+    } else if p > thresholds.term_p {
+        Some(TermRefusal::NotSignificant { p, allowed: thresholds.term_p })
     } else {
         None
     };

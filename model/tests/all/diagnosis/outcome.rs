@@ -1,12 +1,15 @@
-//! The result of the diagnosis for a case. Only [`diagnose`] calls the diagnosis.
+//! The result of the diagnosis for a case. Only [`Prepared::diagnose`] calls the diagnosis.
 
 use super::cases::{Case, Kind};
 use mr_damper_model::Error;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
-use mr_damper_model::diagnose::{Bases, Runs, Settings, Verdict, close, close_any, default_structures};
+use mr_damper_model::diagnose::{
+    Bases, DiagnosisResult, NamedEffect, Runs, Settings, Verdict, close, close_any, default_structures,
+};
 use mr_damper_model::identify::{
     Dataset, DatasetOptions, ModelSpec, Options, Placement, Watch, identify_datasets,
 };
+use mr_damper_model::model::Model;
 use mr_damper_model::sample::Run;
 
 /// Result for a case.
@@ -100,40 +103,80 @@ impl Instrumentation {
 /// # Errors
 /// As identification and diagnosis.
 pub(crate) fn diagnose(case: &Case, instrumentation: Instrumentation) -> Result<Outcome, Error> {
-    let conditioning = instrumentation.conditioning();
-    let rows = |runs: &[Run]| -> Result<Vec<Dataset>, Error> {
-        runs.iter().map(|run| Dataset::from_run(run, &conditioning, &DatasetOptions::default())).collect()
-    };
-    let (estimate, confirm, test) = (rows(&case.estimate)?, rows(&case.confirm)?, rows(&case.test)?);
-    let reference = rows(&case.reference)?;
-    let healthy = if case.kind == Kind::Paired { &reference[..1] } else { &estimate[..] };
-    let options = Options {
-        conditioning,
-        choose_velocity: false,
-        restarts: instrumentation.restarts(),
-        placement: instrumentation.placement(),
-        ..Options::default()
-    };
-    let runs = Runs {
-        estimate: &estimate,
-        confirm: &confirm,
-        test: &test,
-        reference: &reference,
-        ..Runs::default()
-    };
     // Terms have their own cases. With them each case takes several times as long, so only the shipped defaults include them.
     let most_terms =
         if instrumentation == Instrumentation::Auto { Settings::default().most_terms } else { 0 };
-    let (settings, watch) = (Settings { most_terms, ..Settings::default() }, Watch::none());
-    let found = if instrumentation == Instrumentation::Auto {
-        let bases = Bases { given: None, structures: &default_structures(true)?, options: &options };
-        close_any(&bases, &runs, &settings, &watch, &|_| {})?
-    } else {
-        let base = identify_datasets(ModelSpec::FUZZY_TANH, healthy, &options, &watch)?.model;
-        close(&base, &runs, &settings, &watch, &|_| {})?
-    };
-    let test = found.test.unwrap_or_else(|| panic!("{}: there was a test run", case.name));
-    let named = |named: &mr_damper_model::diagnose::NamedEffect| Named {
+    let prepared = Prepared::new(case, &[], instrumentation)?;
+    let found = prepared.diagnose(&Settings { most_terms, ..Settings::default() })?;
+    Ok(outcome(&found, &case.name))
+}
+
+/// A case ready for a diagnosis: the rows of its runs, and its base.
+pub(crate) struct Prepared {
+    estimate: Vec<Dataset>,
+    confirm: Vec<Dataset>,
+    test: Vec<Dataset>,
+    reference: Vec<Dataset>,
+    healthy: Vec<Dataset>,
+    options: Options,
+    /// `None` if the diagnosis chooses it.
+    base: Option<Model>,
+}
+
+impl Prepared {
+    /// Reads the runs of `case` and `healthy` runs of its damper, and identifies the base.
+    ///
+    /// # Errors
+    /// As identification.
+    pub(crate) fn new(case: &Case, healthy: &[Run], instrumentation: Instrumentation) -> Result<Self, Error> {
+        let conditioning = instrumentation.conditioning();
+        let rows = |runs: &[Run]| -> Result<Vec<Dataset>, Error> {
+            let rows = |run| Dataset::from_run(run, &conditioning, &DatasetOptions::default());
+            runs.iter().map(rows).collect()
+        };
+        let (estimate, reference) = (rows(&case.estimate)?, rows(&case.reference)?);
+        let options = Options {
+            conditioning,
+            choose_velocity: false,
+            restarts: instrumentation.restarts(),
+            placement: instrumentation.placement(),
+            ..Options::default()
+        };
+        let of_base = if case.kind == Kind::Paired { &reference[..1] } else { &estimate[..] };
+        let base = match instrumentation {
+            Instrumentation::Auto => None,
+            _ => Some(identify_datasets(ModelSpec::FUZZY_TANH, of_base, &options, &Watch::none())?.model),
+        };
+        let (confirm, test, healthy) = (rows(&case.confirm)?, rows(&case.test)?, rows(healthy)?);
+        Ok(Self { estimate, confirm, test, reference, healthy, options, base })
+    }
+
+    /// Diagnoses the case.
+    ///
+    /// # Errors
+    /// As the diagnosis.
+    pub(crate) fn diagnose(&self, settings: &Settings) -> Result<DiagnosisResult, Error> {
+        let runs = Runs {
+            estimate: &self.estimate,
+            confirm: &self.confirm,
+            test: &self.test,
+            reference: &self.reference,
+            healthy: &self.healthy,
+            ..Runs::default()
+        };
+        let (watch, stage) = (Watch::none(), |_| {});
+        if let Some(base) = &self.base {
+            return close(base, &runs, settings, &watch, &stage);
+        }
+        let bases = Bases { given: None, structures: &default_structures(true)?, options: &self.options };
+        close_any(&bases, &runs, settings, &watch, &stage)
+    }
+}
+
+/// What `found` says about the case called `name`, which has a test run.
+pub(crate) fn outcome(found: &DiagnosisResult, name: &str) -> Outcome {
+    let test = found.test.as_ref().unwrap_or_else(|| panic!("{name}: there was a test run"));
+    let named = |named: &NamedEffect| Named {
         ids: named.class.iter().map(ToString::to_string).collect(),
         form: named.effect.effect().form(),
         value: named.effect.parameters()[0],
@@ -142,12 +185,12 @@ pub(crate) fn diagnose(case: &Case, instrumentation: Instrumentation) -> Result<
     let stands = !matches!(found.verdict, Verdict::Unexplained | Verdict::BaseInadequate);
     let effects = if stands { &found.effects[..] } else { &[] };
     let over_noise = |rsse_n: f64| rsse_n.powi(2) - found.noise_floor.rsse_n.powi(2);
-    Ok(Outcome {
+    Outcome {
         before: test.before.esr,
         over_noise_n2: [test.before.rsse_n, test.after.rsse_n].map(over_noise),
         after: (!effects.is_empty()).then_some(test.after.esr),
         removed: test.removed.filter(|_| !effects.is_empty()),
         named: effects.iter().map(named).collect(),
         verdict: found.verdict,
-    })
+    }
 }

@@ -54,6 +54,24 @@ impl Rate {
     }
 }
 
+fn is_within(ids: &[String], id: &str) -> bool {
+    ids.iter().any(|named| named == id)
+}
+
+/// True if each effect of `spec` was named, by its id or in a class with it.
+pub(crate) fn is_right(spec: &CaseSpec, outcome: &Outcome) -> bool {
+    let is_named = |id: &str| outcome.named.iter().any(|named| is_within(&named.ids, id));
+    spec.truth.iter().all(|(id, _)| library_id(id).is_some_and(is_named))
+}
+
+/// The effects that were named but are not present, by form or id.
+pub(crate) fn wrong_names(spec: &CaseSpec, outcome: &Outcome) -> Vec<String> {
+    let own = spec.kind.own_effect().and_then(library_id);
+    let there: Vec<&str> = spec.truth.iter().filter_map(|(id, _)| library_id(id)).chain(own).collect();
+    let wrong = outcome.named.iter().filter(|named| !there.iter().any(|id| is_within(&named.ids, id)));
+    wrong.map(|named| named.form.unwrap_or(&named.ids[0]).to_owned()).collect()
+}
+
 /// Results of a case specification over its seeds.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Row {
@@ -83,14 +101,8 @@ impl Row {
         healthy: Option<&Outcome>,
         change: f64,
     ) {
-        let there: Vec<Option<&str>> = spec.truth.iter().map(|(id, _)| library_id(id)).collect();
-        let within = |ids: &[String], id: &str| ids.iter().any(|named| named == id);
-        let found = |id: &str| outcome.named.iter().any(|named| within(&named.ids, id));
-        self.right.count(there.iter().all(|id| id.is_some_and(&found)));
-        let own = spec.kind.own_effect().and_then(library_id);
-        let is_there = |ids: &[String]| there.iter().flatten().chain(&own).any(|id| within(ids, id));
-        let wrong = outcome.named.iter().filter(|named| !is_there(&named.ids));
-        let wrong: Vec<String> = wrong.map(|named| named.form.unwrap_or(&named.ids[0]).to_owned()).collect();
+        self.right.count(is_right(spec, outcome));
+        let wrong = wrong_names(spec, outcome);
         self.wrong.count(!wrong.is_empty());
         wrong.into_iter().for_each(|name| *self.wrong_names.entry(name).or_default() += 1);
         for (id, size) in &spec.truth {
