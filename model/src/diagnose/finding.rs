@@ -4,8 +4,9 @@ use super::alignment::Alignment;
 use super::discover::Discovery;
 use super::paired::MeanShift;
 use super::refusal::{BaseFault, Refusal};
-use crate::effect::{Effect, EffectModel};
+use crate::effect::{Augmented, Effect, EffectModel};
 use crate::error::Error;
+use crate::identify::{Dataset, SweptRange, sweep};
 use crate::metrics::Fit;
 use crate::model::Model;
 use crate::statistics::error_ratio::NoInterval;
@@ -302,9 +303,17 @@ pub struct DiagnosisResult {
     pub alignments: Vec<Alignment>,
     /// Change of the mean force since the references; `None` in absolute mode, or if the runs are too short.
     pub mean_shift: Option<MeanShift>,
+    /// The damper's force of `after` on sines over the whole range of the training runs; `None` for a model that uses measured force, or if
+    /// the runs have no motion.
+    pub swept: Option<SweptRange>,
 }
 
 impl DiagnosisResult {
+    /// The result with the sweep of its augmented model over the range of `runs`.
+    pub(super) fn with_sweep(self, runs: &[Dataset]) -> Result<Self, Error> {
+        Ok(Self { swept: swept(&self.after, runs)?, ..self })
+    }
+
     /// True if `after` has an effect or a term that `before` lacks.
     #[must_use]
     pub fn is_augmented(&self) -> bool {
@@ -330,5 +339,41 @@ impl DiagnosisResult {
             .iter()
             .filter_map(|row| Some((row, row.outcome.as_ref().ok()?)))
             .find(|(_, fit)| fit.chosen)
+    }
+}
+
+/// The damper's force of `model` on sines over the whole range of `runs`. Effects of the load cell are left out: they change the reading, and
+/// a late reading gives energy to the motion.
+fn swept(model: &Model, runs: &[Dataset]) -> Result<Option<SweptRange>, Error> {
+    let model = model.augmented();
+    if model.feeds_on_force() {
+        return Ok(None);
+    }
+    Ok(sweep(&Augmented::new(*model.force(), model.effects().of_damper())?, runs))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effect::Effects;
+    use crate::identify::DatasetOptions;
+    use crate::preset;
+    use crate::rig::{Channels, Experiment, Plant, record};
+
+    #[test]
+    fn the_sweep_is_of_the_damper_and_not_of_the_load_cell() {
+        let base = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
+        let experiment = Experiment::thesis("RP-ICPS").expect("of the thesis").with_duration_s(20.0);
+        let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
+        let data = [Dataset::from_run(&run, &base.conditioning, &DatasetOptions::default()).expect("rows")];
+        let with = |effect: Effect, value| {
+            let effects = Effects::new(&[EffectModel::new(effect, &[value]).expect("allowed")]).expect("one");
+            Model { effects, ..base }
+        };
+        let swept = |model: &Model| swept(model, &data).expect("swept").expect("a motion");
+        let late = with(Effect::SensorDelay, 0.01);
+        assert_eq!(swept(&late), swept(&base), "a late reading does not change the damper");
+        assert_ne!(sweep(&late.augmented(), &data), Some(swept(&base)), "but it changes the reading");
+        assert!(swept(&base).faults.is_empty(), "{:?}", swept(&base).faults);
     }
 }

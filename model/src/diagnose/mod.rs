@@ -224,7 +224,7 @@ pub fn close(
 ) -> Result<DiagnosisResult, Error> {
     if runs.reference.is_empty() {
         let found = procedure::Procedure::new(base, runs, settings, watch)?.run(stage)?;
-        return discover::extend(found, runs, settings, watch, stage);
+        return discover::extend(found, runs, settings, watch, stage)?.with_sweep(runs.estimate);
     }
     let [estimate, confirm, test] = runs
         .with_first_reference()
@@ -232,5 +232,5 @@ pub fn close(
     let runs = Runs { estimate: &estimate.runs, confirm: &confirm.runs, test: &test.runs, ..*runs };
     let found = procedure::Procedure::new(base, &runs, settings, watch)?.run(stage)?;
     let alignments = [estimate.alignments, confirm.alignments, test.alignments].concat();
-    Ok(DiagnosisResult { alignments, ..found })
+    DiagnosisResult { alignments, ..found }.with_sweep(runs.estimate)
 }

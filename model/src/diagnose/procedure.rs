@@ -573,6 +573,7 @@ impl<'a> Procedure<'a> {
             structures: Vec::new(),
             alignments: Vec::new(),
             mean_shift: paired::mean_shift(self.both_pairs(), &self.settings),
+            swept: None,
         })
     }
 

@@ -194,7 +194,7 @@ pub fn close_any(
         outcome: one.as_ref().map(row).map_err(Clone::clone),
     });
     let found = DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, &others)? };
-    discover::extend(found, runs, settings, watch, stage)
+    discover::extend(found, runs, settings, watch, stage)?.with_sweep(runs.estimate)
 }
 
 /// The choice among structures: what all of them are identified and diagnosed with.

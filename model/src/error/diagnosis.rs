@@ -133,6 +133,15 @@ pub enum DiagnosisError {
          same units"
     )]
     ModelDiverges,
+    /// The augmented model cannot be simulated over the range of its runs.
+    #[error(
+        "the simulation of the augmented model does not stay finite {sine}, so no model file is written: add runs with this motion, or choose \
+         another base"
+    )]
+    AugmentedDiverges {
+        /// The sine on which it diverges, as text.
+        sine: String,
+    },
     /// A run of paired mode has no reference run.
     #[error(
         "run {run}: no reference run has the same excitation (displacement within {:.0} % and current within 10 %, aligned by crank angle or \

@@ -6,7 +6,6 @@ use super::levels::Memberships;
 use super::report::{self, Details, Identified, WithoutPrior, names_of_copies};
 use super::row_problem::{Prior, Training};
 use super::spec::{ModelSpec, Structure, Variant};
-use super::swept::SweptFaultKind;
 use super::tsk::{TskOptions, fit_tsk};
 use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, maxwell_slip, network, prior, tsk};
 use crate::condition::Conditioning;
@@ -52,21 +51,13 @@ pub(super) fn fit(
 /// diverge in simulation and still predict one step ahead.
 fn physical(mut found: Identified) -> Result<Identified, Error> {
     let Some(swept) = &found.swept else { return Ok(found) };
-    if let Some(fault) = swept.faults.iter().find(|fault| fault.kind == SweptFaultKind::Diverges) {
-        return Err(IdentifyError::Diverges {
-            model: found.model.force.name(),
-            sine: fault.sine.to_string(),
-        }
-        .into());
+    if let Some(sine) = swept.diverges() {
+        return Err(
+            IdentifyError::Diverges { model: found.model.force.name(), sine: sine.to_string() }.into()
+        );
     }
     found.warnings.extend(found.without_prior.as_ref().map(ToString::to_string));
-    found.warnings.extend(swept.faults.first().map(|first| {
-        let others = match swept.faults.len() - 1 {
-            0 => String::new(),
-            others => format!(" (and at {others} of {} other sines)", swept.sines.len() - 1),
-        };
-        format!("{first}{others}; add runs with this motion")
-    }));
+    found.warnings.extend(swept.warning());
     Ok(found)
 }
 

@@ -84,6 +84,7 @@ pub(crate) use scales::Scales;
 pub(crate) use score::check as check_runs;
 pub use score::{Predicted, Scores, persistence, score, sum_of_free_run, walk};
 pub use spec::{ModelSpec, Structure, Variant};
+pub(crate) use swept::sweep;
 pub use swept::{SweptFault, SweptFaultKind, SweptRange, SweptResponse, SweptSine};
 pub use tsk::{Algorithm, BackPropagation, Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;

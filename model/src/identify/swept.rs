@@ -19,7 +19,7 @@
 
 use super::dataset::{self, Dataset, Row};
 use super::score::{DIVERGED, walk};
-use crate::effect::Augmented;
+use crate::effect::{Augmented, REFERENCE_TEMP_C};
 use crate::model::Envelope;
 use crate::sample::{Drive, DriveKind, Stamp};
 use crate::units::{MetrePerSecond, Newton};
@@ -136,6 +136,25 @@ impl SweptFaultKind {
     }
 }
 
+impl SweptRange {
+    /// The first sine on which the simulation does not stay finite.
+    #[must_use]
+    pub fn diverges(&self) -> Option<&SweptSine> {
+        self.faults.iter().find(|fault| fault.kind == SweptFaultKind::Diverges).map(|fault| &fault.sine)
+    }
+
+    /// The first fault, the number of others, and what helps; `None` without a fault.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        let first = self.faults.first()?;
+        let others = match self.faults.len() - 1 {
+            0 => String::new(),
+            others => format!(" (and at {others} of {} other sines)", self.sines.len() - 1),
+        };
+        Some(format!("{first}{others}; add runs with this motion"))
+    }
+}
+
 /// One sentence without a full stop: the range and what the model does in it.
 impl fmt::Display for SweptRange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -197,7 +216,7 @@ impl fmt::Display for SweptFault {
 }
 
 /// Sweeps `model`, which does not use measured force, over the range of `datasets`. `None` if they have no motion.
-pub(super) fn sweep(model: &Augmented, datasets: &[Dataset]) -> Option<SweptRange> {
+pub(crate) fn sweep(model: &Augmented, datasets: &[Dataset]) -> Option<SweptRange> {
     let range = Range::of(datasets, model.force().drive())?;
     let model = model.with_force_offset_n(0.0);
     let sines: Vec<Sine> = range.sines().collect();
@@ -283,7 +302,7 @@ impl<'a> Range<'a> {
                 velocity_m_s: speed_m_s * cos,
                 acceleration_m_s2: -speed_m_s * omega * sin,
                 drive: drive.map_or(f64::NAN, Drive::get),
-                case_temp_c: f64::NAN,
+                case_temp_c: REFERENCE_TEMP_C,
                 force_n: f64::NAN,
                 raw_force_n: f64::NAN,
                 counts: false,

@@ -3,9 +3,9 @@
 
 use mr_damper_base::provenance::{TOOL, date};
 use mr_damper_model::Error;
-use mr_damper_model::diagnose::{DiagnosisResult, Runs};
+use mr_damper_model::diagnose::{DiagnosisError, DiagnosisResult, Runs};
 use mr_damper_model::effect::Augmented;
-use mr_damper_model::identify::{Dataset, DatasetOptions, walk};
+use mr_damper_model::identify::{Dataset, DatasetOptions, SweptRange, walk};
 use mr_damper_model::metrics::ErrorSum;
 use mr_damper_model::model::{Expected, Model};
 use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
@@ -62,14 +62,19 @@ pub fn drive(result: &DiagnosisResult, runs: &Runs) -> Option<DriveKind> {
 
 /// The model file of the augmented model. The expected error is the error on the test runs (`--test`), or on the
 /// validation runs (`--confirm`) without test runs. Both use the model's own force offset.
-#[must_use]
-pub fn model_file(result: &DiagnosisResult, runs: &Runs, origin: TrainingOrigin) -> ModelFile {
+///
+/// # Errors
+/// [`DiagnosisError::AugmentedDiverges`] if the simulation of the model does not stay finite over the range of its runs.
+pub fn model_file(result: &DiagnosisResult, runs: &Runs, origin: TrainingOrigin) -> Result<ModelFile, Error> {
+    if let Some(sine) = result.swept.as_ref().and_then(SweptRange::diverges) {
+        return Err(DiagnosisError::AugmentedDiverges { sine: sine.to_string() }.into());
+    }
     let after = &result.after;
     let over = |data: &[Dataset]| sum(data.iter().map(|data| errors(&after.augmented(), data)));
     let validation = over(runs.test).fit();
     let tested = validation.or_else(|| over(runs.confirm).fit());
     let expected = Expected { free_run_rsse_n: tested.map(|fit| fit.rsse_n), ..Expected::default() };
-    ModelFile {
+    Ok(ModelFile {
         model: Model { expected, ..*after },
         provenance: Provenance {
             tool: TOOL.to_owned(),
@@ -81,7 +86,7 @@ pub fn model_file(result: &DiagnosisResult, runs: &Runs, origin: TrainingOrigin)
             validation_free_run: validation,
             ..Provenance::default()
         },
-    }
+    })
 }
 
 /// Errors of a simulation (free run) over the rows that count, with the model's own offset.

@@ -29,6 +29,7 @@ mod row_plot;
 mod scale;
 pub mod scatter;
 pub mod summary;
+pub mod swept;
 pub mod table;
 
 pub use demo::{Agreement, DemoOutcome, Figure};

@@ -30,10 +30,11 @@ use mr_damper_model::sample::{DriveKind, Run};
 use mr_damper_model::statistics::bootstrap::resampled_runs;
 use mr_damper_reports::Recording;
 use mr_damper_reports::identify::{self as page, IdentifyOutcome, SteppedRun};
+use mr_damper_reports::swept::SweptReport;
 use mr_damper_runs::write_text;
 use report::{
-    Estimate, InverseReport, Scores, SweptReport, VelocityReport, WithoutPriorReport, figures, headline,
-    remarks, run_report, table,
+    Estimate, InverseReport, Scores, VelocityReport, WithoutPriorReport, figures, headline, remarks,
+    run_report, table,
 };
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -1,6 +1,7 @@
 //! A diagnosis as JSON, schema `mr-damper/close/1`: printed by the command and returned by the action.
 
 use super::{terms, words};
+use crate::swept::SweptReport;
 use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::discover::{CurvePoint, FoundTerm, Hum, Hypothesis, RefusedTerm};
 use mr_damper_model::diagnose::{
@@ -48,6 +49,8 @@ pub struct DiagnosisReport<'a> {
     alignments: Vec<AlignmentRow<'a>>,
     /// Change of the mean force since the reference runs; `null` without them.
     mean_shift: Option<MeanShiftRow>,
+    /// The damper's force of the augmented model on sines over the whole range of the training runs.
+    swept: Option<SweptReport>,
 }
 
 /// How a run was placed on its reference.
@@ -343,6 +346,7 @@ impl<'a> DiagnosisReport<'a> {
                 blocks: shift.blocks,
                 causes: result.causes_of_mean_shift(),
             }),
+            swept: result.swept.as_ref().map(SweptReport::of),
         }
     }
 }

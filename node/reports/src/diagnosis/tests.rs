@@ -1,6 +1,7 @@
 //! Tests of text, JSON and page, on diagnoses made by hand.
 
 use super::*;
+use crate::augmented_file::{self, TrainingOrigin};
 use crate::tests::assert_balanced;
 use json::DiagnosisReport;
 use mr_damper_model::Error;
@@ -10,16 +11,20 @@ use mr_damper_model::diagnose::discover::{
 use mr_damper_model::diagnose::{
     Alignment, BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult,
     FloorSource, FoundParameter, MeanShift, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect,
-    RemainingError, RunErrors, StructureFit, StructureRow, TestResult, Verdict,
+    RemainingError, RunErrors, Runs, StructureFit, StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
-use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
+use mr_damper_model::identify::{
+    Dataset, DatasetOptions, ModelSpec, Options, SweptFault, SweptFaultKind, SweptRange, SweptResponse,
+    SweptSine, Watch, identify,
+};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
 use mr_damper_model::preset;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
-use mr_damper_model::sample::DriveKind;
+use mr_damper_model::sample::{Drive, DriveKind};
+use mr_damper_model::units::{Ampere, MetrePerSecond, Newton};
 
 const fn fit(rsse_n: f64, esr: f64, samples: u64) -> Fit {
     Fit { rsse_n, esr, samples }
@@ -113,6 +118,7 @@ pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisRe
         structures: structures(),
         alignments: Vec::new(),
         mean_shift: None,
+        swept: None,
         remaining: RemainingError {
             lof: 0.07,
             lof_before: 0.974,
@@ -620,4 +626,51 @@ fn in_paired_mode_the_residual_is_the_difference_to_the_healthy_run() {
     let made = |p: &TracePoint| p.after_n - p.before_n;
     assert!(trace.points().zip(effect.points()).all(|(a, b)| (made(a) - made(b)).abs() < 1e-6));
     assert!(power(&trace, |p| p.after_n) > 0.0);
+}
+
+/// A sweep of four sines, one of them with this fault.
+fn swept(kind: Option<SweptFaultKind>) -> SweptRange {
+    let sine = |speed_m_s| SweptSine {
+        drive: Some(Drive::CoilCurrent(Ampere(0.5))),
+        speed: MetrePerSecond(speed_m_s),
+        is_above_the_runs: false,
+        runs_s: 0.2,
+        response: Some(SweptResponse { largest: Newton(900.0), energy_j: 12.0 }),
+    };
+    let sines: Vec<SweptSine> = [0.06, 0.12, 0.24, 0.36].map(sine).to_vec();
+    let faults = kind.map(|kind| SweptFault { sine: sines[2], kind }).into_iter().collect();
+    SweptRange { sines, faults, grows: true }
+}
+
+#[test]
+fn a_fault_beyond_the_runs_stands_beside_the_verdict() {
+    let with =
+        |kind| DiagnosisResult { swept: Some(swept(kind)), ..diagnosis_result(base(), &["sealed.csv"]) };
+    let sound = with(None);
+    let calm =
+        "On sines over the whole range of the runs (0.50 to 0.50 A, up to 0.360 m/s) the force stays bounded";
+    let one_line = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(one_line(text::text(&sound, None)).contains(calm), "{}", text::text(&sound, None));
+    assert!(!text::short(&sound, None).contains("sines"), "a short text has no room for it");
+    let fault = with(Some(SweptFaultKind::DrivesMotion { energy_j: -3.0 }));
+    let warned = "Beyond the runs, on a sine at 0.50 A with a peak speed of 0.240 m/s, where the runs have 0.2 s, the model drives the motion";
+    assert!(one_line(text::short(&fault, None)).contains(warned), "{}", text::short(&fault, None));
+    let json = serde_json::to_value(DiagnosisReport::of(&fault, None)).expect("JSON");
+    assert_eq!(json["swept"]["faults"][0]["code"], "drives_motion");
+    assert_eq!(json["swept"]["sines"].as_array().map(Vec::len), Some(4));
+}
+
+#[test]
+fn a_model_that_diverges_beyond_its_runs_is_not_written() {
+    let write = |kind| {
+        let result = DiagnosisResult { swept: Some(swept(kind)), ..diagnosis_result(base(), &[]) };
+        augmented_file::model_file(&result, &Runs::default(), TrainingOrigin::default())
+    };
+    assert!(write(None).is_ok());
+    let refused = write(Some(SweptFaultKind::Diverges)).expect_err("nothing that diverges is written");
+    let said = refused.to_string();
+    assert!(
+        said.contains("does not stay finite on a sine at 0.50 A with a peak speed of 0.240 m/s"),
+        "{said}"
+    );
 }

@@ -24,6 +24,10 @@ pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     }
     reasons(&mut text, "Not testable with these runs", result.untestable.iter().map(|r| (r.effect, &r.why)));
     remaining_error(&mut text, result);
+    if let Some((swept, _)) = words::swept(result).filter(|(_, is_fault)| !is_fault) {
+        text.push('\n');
+        paragraph(&mut text, 0, &swept);
+    }
     alignments(&mut text, result);
     text
 }
@@ -39,6 +43,9 @@ pub fn short(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     words::mean_shift(result).into_iter().for_each(|shift| paragraph(&mut text, 0, &shift));
     if result.is_augmented() || result.test.is_some() {
         paragraph(&mut text, 0, &words::proof(result.test.as_ref()));
+    }
+    if let Some((fault, _)) = words::swept(result).filter(|(_, is_fault)| *is_fault) {
+        paragraph(&mut text, 0, &fault);
     }
     if !result.effects.is_empty() {
         text += "\nNamed\n";

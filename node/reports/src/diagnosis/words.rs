@@ -252,6 +252,18 @@ pub fn mean_shift(result: &DiagnosisResult) -> Option<String> {
     ))
 }
 
+/// What the augmented model does over the whole range of its runs, as a sentence, and whether it is a fault. `None` if nothing was added.
+pub fn swept(result: &DiagnosisResult) -> Option<(String, bool)> {
+    let swept = result.swept.as_ref().filter(|_| result.is_augmented())?;
+    let (text, is_fault) = match swept.warning() {
+        Some(warning) => (format!("beyond the runs, {warning}"), true),
+        None => (swept.to_string(), false),
+    };
+    let mut letters = text.chars();
+    let first = letters.next()?.to_uppercase();
+    Some((format!("{first}{}.", letters.as_str()), is_fault))
+}
+
 /// How a run was placed on its reference.
 pub(crate) fn alignment(of: &Alignment) -> String {
     let by = match of.period_s {

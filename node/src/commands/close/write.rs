@@ -72,18 +72,21 @@ pub(super) fn all(
         return Err(NodeError::Interrupted);
     }
     let found = done.result.is_augmented();
-    if found {
-        let origin =
-            TrainingOrigin { seed: args.seed, restarts: done.base.restarts, runs: training_runs(done) };
-        let text = augmented_file::model_file(&done.result, &done.runs, origin).to_toml()?;
-        write_text(&args.out, &text)?;
-    }
+    let written = found.then(|| model_file(args, done)).transpose();
     output.page(|| Ok(report::html(&outcome(args, done, context)?)))?;
     let drive = augmented_file::drive(&done.result, &done.runs);
     let runs = done.given.iter().map(run_row);
-    let model_file = found.then_some(args.out.as_path());
-    let written = json::ReportDocument::new(&done.result, drive, args.seed, done.seconds, runs, model_file);
-    output.figures(&written, || report::text(&done.result, drive) + &ending(args, done))
+    let path = (found && written.is_ok()).then_some(args.out.as_path());
+    let document = json::ReportDocument::new(&done.result, drive, args.seed, done.seconds, runs, path);
+    output.figures(&document, || report::text(&done.result, drive) + &ending(args, done, path.is_some()))?;
+    written.map(|_| ())
+}
+
+/// Writes the model file. If it cannot be written, the report still is.
+fn model_file(args: &RecordedArgs, done: &Done<'_>) -> Result<(), NodeError> {
+    let origin = TrainingOrigin { seed: args.seed, restarts: done.base.restarts, runs: training_runs(done) };
+    let file = augmented_file::model_file(&done.result, &done.runs, origin)?;
+    Ok(write_text(&args.out, &file.to_toml()?)?)
 }
 
 /// The content of the report. It shows the test runs; without test runs it shows the validation runs.
@@ -140,12 +143,13 @@ const fn role_in_words(role: Role) -> &'static str {
 }
 
 /// Lines on the model file that was written and on the time taken.
-fn ending(args: &RecordedArgs, done: &Done<'_>) -> String {
+fn ending(args: &RecordedArgs, done: &Done<'_>, is_written: bool) -> String {
     let out = args.out.display();
-    let model = match (done.result.is_augmented(), args.out.exists()) {
-        (true, _) => format!("model file: {out}"),
-        (false, true) => format!("no effect was found: no model file is written, {out} is unchanged"),
-        (false, false) => "no effect was found: no model file is written".to_owned(),
+    let model = match (is_written, done.result.is_augmented(), args.out.exists()) {
+        (true, ..) => format!("model file: {out}"),
+        (false, true, _) => "no model file is written".to_owned(),
+        (false, false, true) => format!("no effect was found: no model file is written, {out} is unchanged"),
+        (false, false, false) => "no effect was found: no model file is written".to_owned(),
     };
     format!("\n{model}\n{:.1} s\n", done.seconds)
 }
@@ -220,6 +224,7 @@ mod tests {
             structures: Vec::new(),
             alignments: Vec::new(),
             mean_shift: None,
+            swept: None,
         }
     }
 

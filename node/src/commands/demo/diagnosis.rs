@@ -115,7 +115,7 @@ pub(super) fn run(
             runs: training_runs(&result, &runs),
             ..TrainingOrigin::default()
         };
-        let text = model_file(&result, &runs, origin).to_toml()?;
+        let text = model_file(&result, &runs, origin)?.to_toml()?;
         write_text(path, &text)?;
     }
     Ok(DemoResult {

@@ -2,11 +2,9 @@
 
 use crate::commands::units::Units;
 use mr_damper_base::shown;
-use mr_damper_model::identify::{
-    CurrentFit, ParameterValue, RunFit, SweptFault, SweptRange, SweptSine, WithoutPrior,
-};
+use mr_damper_model::identify::{CurrentFit, ParameterValue, RunFit, WithoutPrior};
 use mr_damper_model::metrics::Fit;
-use mr_damper_model::sample::Drive;
+use mr_damper_reports::swept::{SweptFaultReport, SweptReport};
 use serde::Serialize;
 use std::path::Path;
 
@@ -54,68 +52,11 @@ pub(super) struct InverseReport {
     pub(super) warnings: Vec<String>,
 }
 
-/// The model on sines over the whole range of its runs.
-#[derive(Debug, Serialize)]
-pub(super) struct SweptReport {
-    sines: Vec<SweptSineReport>,
-    faults: Vec<SweptFaultReport>,
-    /// The result as one sentence.
-    #[serde(skip)]
-    summary: String,
-}
-
-/// One sine. Force and energy are `null` if the simulation did not stay finite.
-#[derive(Debug, Serialize)]
-struct SweptSineReport {
-    /// A or V; `null` for a model without drive.
-    drive: Option<f64>,
-    peak_speed_m_s: f64,
-    runs_s: f64,
-    largest_n: Option<f64>,
-    energy_j: Option<f64>,
-}
-
-#[derive(Debug, Serialize)]
-struct SweptFaultReport {
-    code: &'static str,
-    drive: Option<f64>,
-    peak_speed_m_s: f64,
-    text: String,
-}
-
 /// The fit by least squares alone.
 #[derive(Debug, Serialize)]
 pub(super) struct WithoutPriorReport {
     free_run: Option<Fit>,
     faults: Vec<SweptFaultReport>,
-}
-
-impl SweptReport {
-    pub(super) fn of(swept: &SweptRange) -> Self {
-        let sine = |sine: &SweptSine| SweptSineReport {
-            drive: sine.drive.map(Drive::get),
-            peak_speed_m_s: sine.speed.0,
-            runs_s: sine.runs_s,
-            largest_n: sine.response.map(|response| response.largest.0),
-            energy_j: sine.response.map(|response| response.energy_j),
-        };
-        Self {
-            sines: swept.sines.iter().map(sine).collect(),
-            faults: swept.faults.iter().map(SweptFaultReport::of).collect(),
-            summary: swept.to_string(),
-        }
-    }
-}
-
-impl SweptFaultReport {
-    fn of(fault: &SweptFault) -> Self {
-        Self {
-            code: fault.kind.name(),
-            drive: fault.sine.drive.map(Drive::get),
-            peak_speed_m_s: fault.sine.speed.0,
-            text: fault.to_string(),
-        }
-    }
 }
 
 impl WithoutPriorReport {
@@ -205,7 +146,7 @@ pub(super) fn remarks(report: &Report<'_>) -> Vec<String> {
         .into_iter()
         .collect();
     remarks.extend(report.warnings.iter().cloned());
-    remarks.extend(report.swept.as_ref().map(|swept| swept.summary.clone()));
+    remarks.extend(report.swept.as_ref().map(|swept| swept.summary().to_owned()));
     remarks.extend(report.inverse.into_iter().flat_map(inverse_remarks));
     if report.band_calibrated {
         remarks.push("the 90 % band of the estimates is calibrated on the held-out runs".to_owned());

@@ -208,7 +208,7 @@ impl Diagnosis {
                     &self.folder,
                     &self.damper,
                     "close",
-                    &model_file(&result, &runs, origin()).to_toml()?,
+                    &model_file(&result, &runs, origin())?.to_toml()?,
                 )
             })
             .transpose()?;

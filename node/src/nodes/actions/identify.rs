@@ -191,8 +191,9 @@ impl Fitting {
             fit.map(|fit| format!("; {what} RMSE {:.2} N, NMSE {:.4}", fit.rsse_n, fit.esr))
                 .unwrap_or_default()
         };
+        let warnings: String = found.warnings.iter().map(|warning| format!("; {warning}")).collect();
         let message = format!(
-            "{}, {} parameters, fitted to {:.0} s of history{}{}{}{}",
+            "{}, {} parameters, fitted to {:.0} s of history{}{}{}{}{warnings}",
             found.model.force.name(),
             found.model.force.parameter_count(),
             total_s(fitted),
