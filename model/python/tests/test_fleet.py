@@ -118,8 +118,8 @@ def test_a_recording_that_cannot_be_read_is_a_failure_and_the_rest_is_done(recor
     assert (done, kept, len(failures)) == (3, 0, 1)
     assert (failures[0].damper, failures[0].code) == ("damper 9", "cell")
     assert "20261101.csv" in failures[0].message
-    # It is tried again.
-    assert fleet.evaluate(both, MODEL, tmp_path / "out")[:2] == (0, 3)
+    # The next call says so again.
+    assert fleet.evaluate(both, MODEL, tmp_path / "out") == (0, 3, failures)
 
 
 def test_wrong_arguments_say_what_to_do(recordings, tmp_path):
@@ -358,3 +358,131 @@ def test_a_task_is_plain_data(recordings):
     task = _tasks._task("evaluate", recordings[:1], "text", {"load": {}}, "/out")
     assert json.dumps(task, default=str)
     assert pathlib.Path(task.paths[0]).is_absolute()
+
+
+def broken(folder, name):
+    """A recording with a cell that is no number."""
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("time_s,displacement_m,force_n\n0,0,x\n")
+    return path
+
+
+def without_force(recording, path):
+    """A copy of the recording without its force."""
+    run = mr_damper.read_run(recording.path).traces()
+    table = {"time_ns": np.frombuffer(run["displacement_m"][0], "i8") + 10**12}
+    table.update({name: np.frombuffer(values) for name, (_, values) in run.items() if name != "force_n"})
+    mr_damper.read_run(table, map={"time": "time_ns,unit=ns"}).save(path)
+    return path
+
+
+def test_the_readable_recordings_of_a_day_are_used(recordings, tmp_path, caplog):
+    good = recordings[0]
+    empty = tmp_path / "empty.csv"
+    empty.write_text("")
+    gone = tmp_path / "gone.csv"
+    bad = broken(tmp_path, "bad.csv")
+    silent = without_force(good, tmp_path / "silent.csv")
+    others = [good._replace(path=str(path)) for path in (bad, empty, gone, silent)]
+    out = tmp_path / "out"
+    done, kept, failures = fleet.evaluate([good, *others, recordings[1]], MODEL, out)
+    assert (done, kept) == (2, 0)
+    assert fleet.read(out, "runs")["run"].to_pylist() == [good.path, recordings[1].path]
+    assert {(pathlib.Path(failure.run).name, failure.code) for failure in failures} == {
+        ("bad.csv", "cell"),
+        ("empty.csv", "no_displacement"),
+        ("gone.csv", "io"),
+        ("silent.csv", "missing_channel"),
+    }
+    assert all(failure.run in failure.message and failure[:2] == good[:2] for failure in failures)
+    # The log and a table have each of them.
+    assert sorted(record.message.partition(": ")[2] for record in caplog.records) == sorted(failure.message for failure in failures)
+    table = fleet.read(out, "failures").to_pylist()
+    assert sorted((row["run"], row["code"], row["message"]) for row in table) == sorted((it.run, it.code, it.message) for it in failures)
+    assert {(row["damper"], row["day"], row["task"], row["task_failed"]) for row in table} == {(*good[:2], "evaluate", False)}
+    assert fleet.Outcome(done, kept, failures).to_frame("pandas")["run"].tolist() == [failure.run for failure in failures]
+
+
+def test_a_failure_is_tried_again_if_asked_or_if_its_file_has_changed(recordings, tmp_path, caplog):
+    good, alone = recordings[0], recordings[0]._replace(damper="z")
+    bad = broken(tmp_path, "bad.csv")
+    given = [good, good._replace(path=str(bad)), alone._replace(path=str(broken(tmp_path, "worse.csv")))]
+    out = tmp_path / "out"
+    first = fleet.evaluate(given, MODEL, out)
+    assert (first.done, first.kept, len(first.failures)) == (1, 0, 2)
+    made = [path.stat().st_mtime_ns for path in sorted(out.glob("*/*/*/*.parquet"))]
+    caplog.clear()
+    assert fleet.evaluate(given, MODEL, out) == (0, 1, first.failures)
+    assert [path.stat().st_mtime_ns for path in sorted(out.glob("*/*/*/*.parquet"))] == made
+    assert "retry_failures=True" in caplog.text
+    assert fleet.evaluate(given, MODEL, out, retry_failures=True) == (1, 0, first.failures)
+    # A recording that was repaired is used, and is a failure no longer.
+    bad.write_bytes(pathlib.Path(recordings[1].path).read_bytes())
+    again = fleet.evaluate(given, MODEL, out)
+    assert (again.done, [failure.damper for failure in again.failures]) == (1, ["z"])
+    assert sorted(fleet.read(out, "runs")["run"].to_pylist()) == sorted([good.path, str(bad)])
+    assert fleet.read(out, "failures", ["damper", "task_failed"]).to_pylist() == [{"damper": "z", "task_failed": True}]
+
+
+def test_a_recording_that_could_not_be_opened_is_tried_again(recordings, tmp_path, monkeypatch):
+    given = [recordings[0], recordings[0]._replace(path=recordings[1].path)]
+
+    def refused(path, **options):
+        if path == recordings[1].path:
+            raise mr_damper.Error(f"{path}: cannot open: Permission denied (os error 13)", "io", {"file": path})
+        return mr_damper.read_run(path, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_tasks, "read_run", refused)
+        done, _, [failure] = fleet.evaluate(given, MODEL, tmp_path)
+    assert (done, failure.code) == (1, "io")
+    assert "can the workers open it" in failure.message
+    assert fleet.evaluate(given, MODEL, tmp_path) == (1, 0, [])
+
+
+def test_a_recording_that_is_gone_does_not_run_its_day_each_night(recordings, tmp_path):
+    gone = tmp_path / "gone.csv"
+    given = [recordings[0], recordings[0]._replace(path=str(gone))]
+    first = fleet.evaluate(given, MODEL, tmp_path / "out")
+    assert (first.done, [failure.run for failure in first.failures]) == (1, [str(gone)])
+    assert fleet.evaluate(given, MODEL, tmp_path / "out") == (0, 1, first.failures)
+    # A worker that died after it had written the failures has no results yet.
+    [made] = (tmp_path / "out/runs").glob("*/*/*.parquet")
+    made.unlink()
+    assert fleet.evaluate(given, MODEL, tmp_path / "out") == (1, 0, first.failures)
+    gone.write_bytes(pathlib.Path(recordings[1].path).read_bytes())
+    assert fleet.evaluate(given, MODEL, tmp_path / "out") == (1, 0, [])
+    assert len(fleet.read(tmp_path / "out", "failures")) == 0
+
+
+def test_a_model_is_identified_without_the_recordings_that_fail(recordings, tmp_path):
+    good = recordings[:3]
+    silent = without_force(good[0], tmp_path / "silent.csv")
+    bad = broken(tmp_path, "bad.csv")
+    given = [*good, good[0]._replace(path=str(bad)), good[2]._replace(path=str(silent))]
+    done, _, failures = fleet.identify(given, "fuzzy-tanh", out=tmp_path / "out", restarts=1, sets=3)
+    assert (done, {failure.run: failure.code for failure in failures}) == (1, {str(bad): "cell", str(silent): "missing_channel"})
+    assert fleet.identify(good, "fuzzy-tanh", out=tmp_path / "good", restarts=1, sets=3) == (1, 0, [])
+    for table in ("models", "coefficients"):
+        names = [name for name, _, _ in _store.TABLES[table] if name != "model_toml"]  # It has the time of the fit.
+        assert fleet.read(tmp_path / "out", table, names) == fleet.read(tmp_path / "good", table, names)
+
+
+def test_values_and_diagnoses_are_made_without_the_recordings_that_fail(aged, tmp_path):
+    silent = without_force(aged[0], tmp_path / "silent.csv")
+    bad = broken(tmp_path, "bad.csv")
+    others = [aged[0]._replace(path=str(path)) for path in (bad, silent)]
+    out = tmp_path / "out"
+    done, _, failures = fleet.effect_values([aged[0], *others], MODEL, out, window=48.0)
+    assert (done, {failure.run: failure.code for failure in failures}) == (1, {str(bad): "cell", str(silent): "missing_channel"})
+    assert "has no force_n" in next(failure.message for failure in failures if failure.run == str(silent))
+    fleet.effect_values(aged[:1], MODEL, tmp_path / "good", window=48.0)
+    assert fleet.read(out, "values") == fleet.read(tmp_path / "good", "values")
+    # The page about the fleet has them, too.
+    page = fleet.ageing(out).to_html()
+    assert "Recordings without values: 2" in page and str(bad) in page and str(silent) in page
+    done, _, failures = fleet.close([*aged[:3], *others], MODEL, out=tmp_path / "diagnoses", fixed_base=True)
+    assert (done, {failure.run for failure in failures}) == (1, {str(bad), str(silent)})
+    [row] = fleet.read(tmp_path / "diagnoses", "diagnoses").to_pylist()
+    assert row["verdict"] == "nothing_to_explain"

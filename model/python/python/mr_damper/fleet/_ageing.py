@@ -19,6 +19,9 @@ _FEWEST = 3
 #: Effects of the load cell and its converter: the sensor has changed, not the damper.
 _SENSOR = frozenset({"sensor_delay", "anti_alias_mismatch", "load_cell_drift"})
 
+#: Most failures on the page.
+_MOST_FAILURES = 200
+
 _COLUMNS = (
     *("damper", "effect", "parameter", "days", "windows", "first", "last"),
     *("change_percent", "change_low_percent", "change_high_percent", "changed", "changed_at"),
@@ -48,10 +51,13 @@ class Ageing:
     (means of the first and the last fifth of the windows), ``change_percent`` from first to last with its 95 % interval, ``changed``, and
     ``changed_at``: the end of the window that completed the evidence. A value that changed and came back is ``changed`` with a small
     ``change_percent``, and a value near zero has a large one.
+
+    ``failures`` are the rows of table ``failures`` of :func:`effect_values`: recordings and days without values.
     """
 
-    def __init__(self, rows: List[Dict[str, Any]], series: List[_Series], days_per_alarm: float) -> None:
+    def __init__(self, rows: List[Dict[str, Any]], series: List[_Series], days_per_alarm: float, failures: Sequence[Dict[str, Any]] = ()) -> None:
         self.rows = rows
+        self.failures = list(failures)
         self._series = series
         self._days_per_alarm = days_per_alarm
 
@@ -64,8 +70,8 @@ class Ageing:
         return frame({name: [row[name] for row in self.rows] for name in _COLUMNS}, library)
 
     def to_html(self) -> str:
-        """A page about the fleet: the dampers and sensors that have changed, the clearest change first, with their values over time."""
-        return _page(self.rows, self._series, self._days_per_alarm)
+        """A page about the fleet: the dampers and sensors that have changed, the clearest change first, with their values over time, and the failures."""
+        return _page(self.rows, self._series, self._days_per_alarm, self.failures)
 
     def save(self, path: Union[str, "os.PathLike[str]"]) -> None:
         """Write the page."""
@@ -92,6 +98,7 @@ def ageing(out: Union[str, "os.PathLike[str]"], *, days_per_alarm: float = 1000.
     series = list(_read(out))
     if not series:
         raise Error(f"{os.fspath(out)}: no window determines a value; it needs measured force and motion", "no_results", {"file": str(out)})
+    failures = [row for row in _store.read(out, "failures").to_pylist() if row["task"] == "effect_values"]
     values_of: Dict[str, int] = {}
     for one in series:
         values_of[one.damper] = values_of.get(one.damper, 0) + 1
@@ -100,7 +107,7 @@ def ageing(out: Union[str, "os.PathLike[str]"], *, days_per_alarm: float = 1000.
     columns = {name: [row[name] for row in rows] for name in _COLUMNS}
     columns["changed_at"] = pa.array(columns["changed_at"], pa.timestamp("us", tz="UTC"))
     _store.write_whole(pathlib.Path(out, "ageing.parquet"), pa.table(columns))
-    return Ageing(rows, series, days_per_alarm)
+    return Ageing(rows, series, days_per_alarm, failures)
 
 
 def _read(out: Union[str, "os.PathLike[str]"]) -> Iterator[_Series]:
@@ -205,13 +212,14 @@ body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 70re
 h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2rem; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: .3rem .6rem; border-bottom: 1px solid var(--line); white-space: nowrap; }
-th:first-child, td:first-child, th:nth-child(2), td:nth-child(2), th:last-child { text-align: left; }
+th:first-child, td:first-child, th:nth-child(2), td:nth-child(2), th:last-child, td:last-child { text-align: left; }
+td:last-child { white-space: normal; overflow-wrap: anywhere; }
 p.quiet, td.quiet { color: var(--quiet); } svg { display: block; } polyline { fill: none; stroke: var(--mark); stroke-width: 1.3; }
 line { stroke: #c33; stroke-width: 1; stroke-dasharray: 2 2; }
 """
 
 
-def _page(rows: Sequence[Dict[str, Any]], series: Sequence[_Series], days_per_alarm: float) -> str:
+def _page(rows: Sequence[Dict[str, Any]], series: Sequence[_Series], days_per_alarm: float, failures: Sequence[Dict[str, Any]]) -> str:
     dampers = {row["damper"] for row in rows}
     changed = [(row, one) for row, one in zip(rows, series) if row["changed"]]
     changed.sort(key=lambda pair: -_clearness(pair[0]))
@@ -240,6 +248,15 @@ def _page(rows: Sequence[Dict[str, Any]], series: Sequence[_Series], days_per_al
             parts.append("</tbody></table>")
         else:
             parts.append("<p class='quiet'>none</p>")
+    if failures:
+        parts.append(f"<h2>Recordings without values: {len(failures)}</h2>")
+        parts.append("<table><thead><tr><th>damper</th><th>day</th><th>reason</th></tr></thead><tbody>")
+        for failure in failures[:_MOST_FAILURES]:
+            cells = failure["damper"], failure["day"].isoformat(), failure["message"]
+            parts.append(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)}</tr>")
+        parts.append("</tbody></table>")
+        if len(failures) > _MOST_FAILURES:
+            parts.append(f"<p class='quiet'>Table failures has the other {len(failures) - _MOST_FAILURES}.</p>")
     parts.append(
         "<p class='quiet'>First and last are means of the first and the last fifth of a damper's windows. The ratio is that of measured to expected "
         "force. What the base of a model lacks moves a value, too: diagnose a damper (mr_damper.close) before its name is believed.</p></body></html>"

@@ -89,6 +89,13 @@ TABLES: Dict[str, List[Tuple[str, str, str]]] = {
         ("text", "string", ""),
         ("model_toml", "string", ""),
     ],
+    "failures": [
+        ("task", "string", ""),
+        ("run", "string", ""),
+        ("code", "string", ""),
+        ("message", "string", ""),
+        ("task_failed", "bool", ""),
+    ],
 }
 
 #: Number of this layout: results of another one are made again.
@@ -131,6 +138,20 @@ def is_made(path: pathlib.Path, key: str) -> bool:
     return bool(metadata.get(_KEY) == key.encode())
 
 
+def rows_of(path: pathlib.Path) -> Optional[Tuple[str, List[Dict[str, Any]]]]:
+    """What ``path`` was made from, and its rows; ``None`` if there is no such file or it is not whole."""
+    try:
+        table = arrow().parquet.ParquetFile(path).read()
+    except (OSError, ValueError):
+        return None
+    return (table.schema.metadata or {}).get(_KEY, b"").decode(), table.to_pylist()
+
+
+def remove(path: pathlib.Path) -> None:
+    """Removes a file of a damper's day, if it is there."""
+    path.unlink(missing_ok=True)
+
+
 def write(path: pathlib.Path, table: str, rows: List[Dict[str, Any]], key: str) -> None:
     """Writes the rows in place of the file that was there."""
     schema = _schema(table).with_metadata({_KEY: key.encode()})
@@ -151,7 +172,7 @@ def write_whole(path: pathlib.Path, table: Any) -> None:
 
 def _schema(table: str) -> Any:
     pa = arrow()
-    types = {"string": pa.string(), "double": pa.float64(), "int": pa.int64(), "time": pa.timestamp("ns", tz="UTC")}
+    types = {"string": pa.string(), "double": pa.float64(), "int": pa.int64(), "bool": pa.bool_(), "time": pa.timestamp("ns", tz="UTC")}
     return pa.schema([pa.field(name, types[kind], metadata={"unit": unit} if unit else None) for name, kind, unit in TABLES[table]])
 
 
@@ -166,8 +187,14 @@ def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[Sequ
 
     Args:
         out: folder of the results.
-        table: ``"runs"``, ``"residuals"``, ``"values"``, ``"models"``, ``"coefficients"``, ``"diagnoses"``, or ``"hours"``, which nodes write.
+        table: ``"runs"``, ``"residuals"``, ``"values"``, ``"models"``, ``"coefficients"``, ``"diagnoses"``, ``"failures"``, or ``"hours"``, which nodes write.
+            Table ``failures`` has a row for each recording that was left out, and for each task that failed as a whole: ``task`` is the function
+            (``"evaluate"``, ...), ``run`` the path of the recording, empty for a whole task, ``code`` and ``message`` are those of
+            :class:`mr_damper.Error`, and ``task_failed`` is true if the task has no results.
         columns: names of the columns; by default all, ``damper`` and ``day`` first.
+
+    Returns:
+        The table. Names of dampers are text, even if they consist of digits. Table ``failures`` is empty if nothing has failed.
 
     Raises:
         Error: the folder has no such table.
@@ -191,6 +218,8 @@ def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[Sequ
         if files:
             parts = pa.dataset.partitioning(keys, flavor="hive")
             found.append(pa.dataset.dataset(files, whole, form, partitioning=parts, partition_base_dir=str(folder)))
+    if not found and table == "failures" and folder.parent.is_dir():
+        return whole.empty_table().select(names).replace_schema_metadata(None)
     if not found:
         raise Error(f"{folder} has no results; write them with mr_damper.fleet", "no_results", {"file": str(folder)})
     data = pa.concat_tables([each.to_table(columns=names).replace_schema_metadata(None) for each in found])
