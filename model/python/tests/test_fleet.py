@@ -486,3 +486,33 @@ def test_values_and_diagnoses_are_made_without_the_recordings_that_fail(aged, tm
     assert (done, {failure.run for failure in failures}) == (1, {str(bad), str(silent)})
     [row] = fleet.read(tmp_path / "diagnoses", "diagnoses").to_pylist()
     assert row["verdict"] == "nothing_to_explain"
+
+
+def test_wrong_options_are_refused_before_a_task_runs(recordings, tmp_path):
+    class Never(concurrent.futures.Executor):
+        def submit(self, *args, **options):
+            raise AssertionError("a task was submitted")
+
+    def message(function):
+        with pytest.raises(mr_damper.Error) as caught:
+            function()
+        return type(caught.value), caught.value.code, str(caught.value)
+
+    for model, options in [
+        ("nope", {}),
+        ("fuzzy-tanh", {"degree": 9}),
+        ("fuzzy-tanh", {"sigma": 1.0}),
+        ("fuzzy-tanh", {"huber": -3.0}),
+        ("fuzzy-tanh", {"cutoff": -1.0}),
+        ("fuzzy-tanh", {"drive": "amps"}),
+        ("fuzzy-tanh", {"map_file": str(tmp_path / "absent.toml")}),
+    ]:
+        expected = message(lambda: mr_damper.DamperModel(model, **options).fit(recordings[0].path))
+        assert message(lambda: fleet.identify(recordings, model, out=tmp_path / "out", engine=Never(), **options)) == expected
+    with pytest.raises(TypeError, match="colour"):
+        fleet.identify(recordings, out=tmp_path / "out", engine=Never(), colour=1)
+    for options in ({"effects": ["zzz"]}, {"noise_floor": -3.0}, {"drive": "amps"}):
+        message(lambda: fleet.close(recordings, MODEL, out=tmp_path / "out", engine=Never(), **options))
+    message(lambda: fleet.evaluate(recordings, MODEL, tmp_path / "out", engine=Never(), sign={"force": 3}))
+    message(lambda: fleet.effect_values(recordings, MODEL, tmp_path / "out", engine=Never(), drive="amps"))
+    assert not (tmp_path / "out").exists()

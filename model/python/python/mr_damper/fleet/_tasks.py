@@ -17,7 +17,7 @@ from mr_damper._errors import Error, UsageError
 from mr_damper._functions import _load_options
 from mr_damper._functions import close as close_one
 from mr_damper._model import DamperModel
-from mr_damper._options import LOAD_OPTIONS
+from mr_damper._options import LOAD_OPTIONS, load_words, words
 from mr_damper._results import Closing, frame
 from mr_damper._runs import check_load_options, read_run
 from mr_damper.fleet import _engine, _store
@@ -126,7 +126,7 @@ def evaluate(
     Raises:
         UsageError: an argument is wrong. No task has run then.
     """
-    check_load_options(options)
+    _check_load(options)
     options = {"velocities": _borders("velocities", velocities), "drives": _borders("drives", drives), "load": options}
     return _run("evaluate", _by_day(recordings), _given(model), out, options, (engine, retries, retry_failures, progress))
 
@@ -155,7 +155,7 @@ def effect_values(
         recordings, model, out, engine, retries, retry_failures, progress, options: as in :func:`evaluate`.
     """
     window = _number("window", window, 48.0, 86400.0)
-    check_load_options(options)
+    _check_load(options)
     given = {"window": window, "load": options}
     return _run("effect_values", _by_day(recordings), _given(model), out, given, (engine, retries, retry_failures, progress))
 
@@ -184,7 +184,7 @@ def identify(
     Raises:
         UsageError: an argument is wrong, such as the name of the structure. No task has run then.
     """
-    DamperModel(model, **options)
+    _check_identify(DamperModel(model, **options))
     validate = _number("validate", validate, 0.0, 0.9)
     options = {"options": {"model": model, **options}, "validate": validate}
     return _run("identify", _by_damper(recordings), None, out, options, (engine, retries, retry_failures, progress))
@@ -214,12 +214,15 @@ def close(
         options: those of :func:`mr_damper.close`.
     """
     load = _load_options(options)
+    _check_load(load)
+    groups = _by_damper(recordings)
+    _check_close(_text_of(base, groups[0][0].damper, {}), options)
     search, confirm = (_number("split", share, 0.01, 0.98) for share in split)
     if search + confirm > 0.99:
         why = "leaves no recording for the test; the shares must sum to less than 1"
         raise UsageError(f"split is {split!r}, which {why}", "usage", {"name": "split"})
     given = {"split": [search, confirm], "options": options, "load": load}
-    return _run("close", _by_damper(recordings), base, out, given, (engine, retries, retry_failures, progress))
+    return _run("close", groups, base, out, given, (engine, retries, retry_failures, progress))
 
 
 def models(out: Union[str, "os.PathLike[str]"]) -> Dict[str, DamperModel]:
@@ -261,6 +264,46 @@ def _by_day(recordings: Iterable[Recording]) -> List[List[Recording]]:
 
 def _by_damper(recordings: Iterable[Recording]) -> List[List[Recording]]:
     return [list(group) for _, group in itertools.groupby(checked(recordings), key=lambda it: it.damper)]
+
+
+def _check_load(options: Dict[str, Any]) -> None:
+    """Raises for an option that no recording could be read with.
+
+    Raises:
+        TypeError: there is no such option.
+        UsageError: its value is wrong.
+        Error: the file of the map cannot be read.
+    """
+    check_load_options(options)
+    try:
+        _native.Run.from_columns("options", [], load_words(options))
+    except Error as error:
+        # The table has no columns. It is read after the options.
+        if error.code != "table":
+            raise
+
+
+def _check_identify(model: DamperModel) -> None:
+    """Raises what ``model.fit`` would raise for each damper because of an option."""
+    _check_load({name: value for name, value in model.get_params().items() if name in LOAD_OPTIONS})
+    try:
+        _native.identify(model._words(), [], [], None)
+    except Error as error:
+        # The options are checked before the number of runs.
+        if error.code != "no_runs":
+            raise
+
+
+def _check_close(model_toml: Optional[str], options: Dict[str, Any]) -> None:
+    """Raises what :func:`mr_damper.close` would raise for each damper because of an option; ``model_toml`` is the base of one of them."""
+    base = None if model_toml is None else _native.Model.from_toml(model_toml)
+    absent = os.path.join(os.sep, "no such folder", "run.csv")
+    try:
+        _native.close([*words(options), f"--estimate={absent}", f"--confirm={absent}"], base, [], None)
+    except Error as error:
+        # The options are checked before the runs are read.
+        if error.code != "io":
+            raise
 
 
 def _run(
