@@ -6,6 +6,8 @@ import json
 import multiprocessing
 import os
 import pathlib
+import re
+import shutil
 import signal
 
 import duckdb
@@ -107,6 +109,48 @@ def test_other_tools_read_the_results(recordings, tmp_path):
     part = next((tmp_path / "runs").glob("*/*/*.parquet"))
     field = _store.arrow().parquet.read_schema(part).field("rmse_n")
     assert field.metadata == {b"unit": b"N"}
+
+
+def test_damper_names_of_digits_stay_text(recordings, tmp_path, monkeypatch):
+    """In the package's readers, and in the queries that the guide shows."""
+    names = ["007", "12"]
+    pairs = [recording._replace(damper=name) for name, recording in zip(names, recordings)]
+    monkeypatch.chdir(tmp_path)
+    fleet.evaluate(pairs, MODEL, "results")
+    fleet.evaluate([pairs[0]._replace(path="/absent.csv")], MODEL, "failed")
+    fleet.identify(pairs, out="results", restarts=1, sets=3)
+    for table in ("runs", "residuals", "models"):
+        assert set(fleet.read("results", table)["damper"].to_pylist()) == set(names)
+    assert fleet.read("failed", "failures")["damper"].to_pylist() == ["007"]
+    assert sorted(fleet.models("results")) == names
+    assert fleet.evaluate(pairs, fleet.models("results"), "results") == (2, 0, [])
+
+    page = (pathlib.Path(__file__).parents[3] / "node/docs/guide/17-fleets.md").read_text()
+    [block] = [block for block in re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL) if "read_parquet" in block]
+    shown = []
+    exec(block, {"fleet": fleet, "print": shown.append})
+    own, by_duckdb, by_polars, by_pandas = shown
+    assert own["damper"].tolist() == names
+    assert {row[0] for row in by_duckdb.fetchall()} == set(names)
+    assert by_polars["damper"].to_list() == names
+    assert by_pandas.index.tolist() == names
+    # DuckDB takes 007 for text, but a column of names without leading zeros for numbers.
+    shutil.rmtree("results/residuals/damper=007")
+    shown.clear()
+    exec(block, {"fleet": fleet, "print": shown.append})
+    assert {row[0] for row in shown[1].fetchall()} == {"12"}
+
+
+def test_values_of_dampers_with_names_of_digits_stay_text(tmp_path):
+    begin_ns = int(datetime.datetime(2026, 11, 1, tzinfo=datetime.timezone.utc).timestamp()) * 10**9
+    row = {"time": begin_ns, "effect": "", "form": "", "parameter": "force_ratio", "value": 1.0, "low": 0.9, "high": 1.1, "window_s": 60.0}
+    row.update(displacement_std_m=0.01, velocity_rms_m_s=0.1, drive_share=0.2, model_hash="a")
+    for name in ("007", "12"):
+        _store.write(_store.file_of(str(tmp_path), "values", name, BEGIN), "values", [row], "key")
+    found = fleet.ageing(tmp_path)
+    assert [row["damper"] for row in found.rows] == ["007", "12"]
+    assert found.to_frame("pandas")["damper"].tolist() == found.to_frame("polars")["damper"].to_list() == ["007", "12"]
+    assert [name for (name,) in duckdb.sql(f"select damper from '{tmp_path}/ageing.parquet'").fetchall()] == ["007", "12"]
 
 
 def test_a_recording_that_cannot_be_read_is_a_failure_and_the_rest_is_done(recordings, tmp_path):

@@ -187,8 +187,8 @@ def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[Sequ
 
     Args:
         out: folder of the results.
-        table: ``"runs"``, ``"residuals"``, ``"values"``, ``"models"``, ``"coefficients"``, ``"diagnoses"``, ``"failures"``, or ``"hours"``, which nodes write.
-            Table ``failures`` has a row for each recording that was left out, and for each task that failed as a whole: ``task`` is the function
+        table: ``"runs"``, ``"residuals"``, ``"values"``, ``"models"``, ``"coefficients"``, ``"diagnoses"``, ``"failures"``, or ``"hours"``, which nodes
+            write. Table ``failures`` has a row for each recording that was left out, and for each task that failed as a whole: ``task`` is the function
             (``"evaluate"``, ...), ``run`` the path of the recording, empty for a whole task, ``code`` and ``message`` are those of
             :class:`mr_damper.Error`, and ``task_failed`` is true if the task has no results.
         columns: names of the columns; by default all, ``damper`` and ``day`` first.
