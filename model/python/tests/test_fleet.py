@@ -398,6 +398,46 @@ def test_a_file_that_a_worker_left_behind_is_removed(recordings, tmp_path):
     assert not left.exists()
 
 
+def test_a_file_is_written_although_another_call_removes_its_part(recordings, tmp_path, monkeypatch):
+    replace, calls = os.replace, []
+
+    def removed_once(new, path):
+        calls.append(path)
+        if len(calls) == 1:
+            _store.remove_parts(str(tmp_path), "residuals")
+        replace(new, path)
+
+    monkeypatch.setattr(os, "replace", removed_once)
+    assert fleet.evaluate(recordings[:1], MODEL, tmp_path) == (1, 0, [])
+    assert len(calls) == 3
+
+
+def test_a_pool_whose_process_dies_says_what_to_do(recordings, tmp_path):
+    with concurrent.futures.ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+
+        def kill(done, of):
+            if done == 2:
+                [os.kill(process, signal.SIGKILL) for process in list(pool._processes)]
+
+        with pytest.raises(concurrent.futures.BrokenExecutor, match="make a new pool, and call the function again"):
+            fleet.evaluate(recordings, MODEL, tmp_path, engine=pool, progress=kill)
+    done, kept, failures = fleet.evaluate(recordings, MODEL, tmp_path)
+    assert (done + kept, failures) == (12, []) and kept >= 2
+
+
+def test_many_failures_do_not_flood_the_log(recordings, tmp_path, caplog, capsys):
+    caplog.set_level("INFO")
+    path = str(broken(tmp_path, "bad.csv"))
+    given = [recordings[0]._replace(damper=f"d{number}", path=path) for number in range(25)]
+    assert len(fleet.evaluate(given, MODEL, tmp_path / "out", progress=True).failures) == 25
+    levels = [record.levelname for record in caplog.records]
+    assert levels == ["WARNING"] * 20 + ["INFO"] * 5 + ["WARNING"]
+    assert caplog.records[-1].message.startswith("5 more failures")
+    assert capsys.readouterr().err.endswith("25 of 25 tasks\n")
+    with pytest.raises(mr_damper.Error, match="has no results; tasks have failed; table failures says why"):
+        fleet.read(tmp_path / "out", "runs")
+
+
 def test_a_task_is_plain_data(recordings):
     task = _tasks._task("evaluate", recordings[:1], "text", {"load": {}}, "/out")
     assert json.dumps(task, default=str)

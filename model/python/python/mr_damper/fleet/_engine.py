@@ -84,7 +84,10 @@ class _Executor(_Here):
         return int(getattr(self._executor, "_max_workers", 1))
 
     def submit(self, function: Callable[[Any], Any], task: Any) -> Any:
-        return self._executor.submit(function, task)
+        try:
+            return self._executor.submit(function, task)
+        except concurrent.futures.BrokenExecutor as error:
+            raise type(error)(f"{error}. The results that were written stay: make a new pool, and call the function again") from error
 
     def wait(self, handles: List[Any]) -> List[Any]:
         return list(concurrent.futures.wait(handles, return_when="FIRST_COMPLETED").done)

@@ -163,11 +163,17 @@ def write_whole(path: pathlib.Path, table: Any) -> None:
     """Writes a ``pyarrow.Table`` in place of the file that was there. A reader sees the old file or the new one, whole."""
     # Readers take files that end in .parquet. One that a dying worker leaves behind does not.
     new = path.with_name(f".{uuid.uuid4().hex}.part")
-    try:
-        arrow().parquet.write_table(table, new, compression="zstd")
-        os.replace(new, path)
-    finally:
-        new.unlink(missing_ok=True)
+    for last in (False, True):
+        try:
+            arrow().parquet.write_table(table, new, compression="zstd")
+            os.replace(new, path)
+            return
+        except FileNotFoundError:
+            # Another call that started meanwhile took the file for one that was left behind, and removed it.
+            if last or not path.parent.is_dir():
+                raise
+        finally:
+            new.unlink(missing_ok=True)
 
 
 def _schema(table: str) -> Any:
@@ -188,9 +194,9 @@ def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[Sequ
     Args:
         out: folder of the results.
         table: ``"runs"``, ``"residuals"``, ``"values"``, ``"models"``, ``"coefficients"``, ``"diagnoses"``, ``"failures"``, or ``"hours"``, which nodes
-            write. Table ``failures`` has a row for each recording that was left out, and for each task that failed as a whole: ``task`` is the function
-            (``"evaluate"``, ...), ``run`` the path of the recording, empty for a whole task, ``code`` and ``message`` are those of
-            :class:`mr_damper.Error`, and ``task_failed`` is true if the task has no results.
+            write. Table ``failures`` has a row for each recording that was left out, and for each task that failed as a whole. Its columns:
+            ``task`` is the function (``"evaluate"``, ...), ``run`` the path of the recording (empty if the error is not of one recording),
+            ``code`` and ``message`` are the code and the text of the :class:`mr_damper.Error`, ``task_failed`` is true if the task has no results.
         columns: names of the columns; by default all, ``damper`` and ``day`` first.
 
     Returns:
@@ -221,6 +227,8 @@ def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[Sequ
     if not found and table == "failures" and folder.parent.is_dir():
         return whole.empty_table().select(names).replace_schema_metadata(None)
     if not found:
-        raise Error(f"{folder} has no results; write them with mr_damper.fleet", "no_results", {"file": str(folder)})
+        failed = any(pathlib.Path(out, "failures").glob("damper=*/day=*/*.parquet"))
+        advice = "tasks have failed; table failures says why" if failed else "write them with mr_damper.fleet"
+        raise Error(f"{folder} has no results; {advice}", "no_results", {"file": str(folder)})
     data = pa.concat_tables([each.to_table(columns=names).replace_schema_metadata(None) for each in found])
     return data if len(found) == 1 else data.sort_by([(name, "ascending") for name in ("damper", "day", "time") if name in names])

@@ -30,6 +30,8 @@ Rows = Dict[str, List[Dict[str, Any]]]
 Traces = Dict[str, Tuple[bytes, bytes]]
 
 _LOG = logging.getLogger("mr_damper.fleet")
+#: Most failures of a call that the log has as warnings. The others have level INFO.
+_MOST_WARNINGS = 20
 
 #: Time by which the velocity of a region is taken to each side, s.
 _SIDE_S = 0.01
@@ -326,7 +328,7 @@ def _run(
     texts: Dict[int, str] = {}
     waiting: List[_Task] = []
     failures: List[Failure] = []
-    kept = done = ended = 0
+    kept = done = ended = logged = 0
     for group in groups:
         task = _task(kind, group, _text_of(model, group[0].damper, texts), options, out)
         # A task writes its tables in order, so the last one says that all are there.
@@ -348,7 +350,7 @@ def _run(
     if failures:
         why = "because their recordings have not changed; give retry_failures=True to try them again"
         _LOG.warning("%d failures of an earlier call remain, %s", len(failures), why)
-    show = _shown(progress)
+    show = _Shown(progress)
     for task, result in _engine.results(engine, _work, waiting, retries):
         if isinstance(result, UsageError):
             # An option is wrong, for every task.
@@ -359,10 +361,16 @@ def _run(
             done += result.done
         else:
             new = [Failure(task.damper, task.day, type(result).__name__, str(result))]
+        if new:
+            show.end_line()
         for failure in new:
-            _LOG.warning("%s of %s, %s: %s", kind, failure.damper, failure.day, failure.message)
+            logged += 1
+            level = logging.WARNING if logged <= _MOST_WARNINGS else logging.INFO
+            _LOG.log(level, "%s of %s, %s: %s", kind, failure.damper, failure.day, failure.message)
         failures.extend(new)
         show(ended, len(waiting))
+    if logged > _MOST_WARNINGS:
+        _LOG.warning("%d more failures; see failures of the result, or table failures", logged - _MOST_WARNINGS)
     return Outcome(done, kept, sorted(failures))
 
 
@@ -404,20 +412,28 @@ def _text_of(model: Any, damper: str, texts: Dict[int, str]) -> Optional[str]:
     return texts[id(model)]
 
 
-def _shown(progress: Progress) -> Callable[[int, int], None]:
-    if callable(progress):
-        return progress
-    if not progress:
-        return lambda done, of: None
-    last = [0.0]
+class _Shown:
+    """Progress: a line on stderr, a function of the user, or nothing."""
 
-    def write(done: int, of: int) -> None:
-        if done == of or time.monotonic() - last[0] > 1.0:
-            last[0] = time.monotonic()
-            sys.stderr.write(f"\r{done} of {of} tasks" + ("\n" if done == of else ""))
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._last_s = 0.0
+        self._open = False
+
+    def __call__(self, done: int, of: int) -> None:
+        if callable(self._progress):
+            self._progress(done, of)
+        elif self._progress and (done == of or time.monotonic() - self._last_s > 1.0):
+            self._last_s = time.monotonic()
+            self._open = done != of
+            sys.stderr.write(f"\r{done} of {of} tasks" + ("" if self._open else "\n"))
             sys.stderr.flush()
 
-    return write
+    def end_line(self) -> None:
+        """Ends the line, so that what follows begins a new one."""
+        if self._open:
+            sys.stderr.write("\n")
+            self._open = False
 
 
 # Work
@@ -607,7 +623,7 @@ def _effect_values(task: _Task, left_out: List[Dict[str, Any]]) -> Rows:
         missing = [name for name in needed if not all(name in run.channels for run in runs)]
         why = f"{missing[0]} is missing" if missing else f"they last {sum(run.duration_s for run in runs):.0f} s"
         raise Error(
-            f"{task.damper}, {task.day}: the recordings make no whole window of {options['window']:g} s with measured force and motion: {why}",
+            f"the recordings of the day make no whole window of {options['window']:g} s with measured force and motion: {why}",
             "no_window",
             {"damper": task.damper, "missing": missing},
         )
