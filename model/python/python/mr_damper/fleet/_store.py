@@ -193,8 +193,8 @@ def read(out: Union[str, "os.PathLike[str]"], table: str, columns: Optional[Sequ
 
     Args:
         out: folder of the results.
-        table: ``"runs"``, ``"residuals"``, ``"values"``, ``"models"``, ``"coefficients"``, ``"diagnoses"``, ``"failures"``, or ``"hours"``, which nodes
-            write. Table ``failures`` has a row for each recording that was left out, and for each task that failed as a whole. Its columns:
+        table: ``"runs"``, ``"residuals"``, ``"values"``, ``"models"``, ``"coefficients"``, ``"diagnoses"``, ``"failures"``, or ``"hours"``, which
+            nodes write. Table ``failures`` has a row for each recording that was left out, and for each task that failed as a whole:
             ``task`` is the function (``"evaluate"``, ...), ``run`` the path of the recording (empty if the error is not of one recording),
             ``code`` and ``message`` are the code and the text of the :class:`mr_damper.Error`, ``task_failed`` is true if the task has no results.
         columns: names of the columns; by default all, ``damper`` and ``day`` first.
