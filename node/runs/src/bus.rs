@@ -8,7 +8,7 @@
 //! | format | time of a frame |
 //! |---|---|
 //! | candump | as in the file, since 1970, or from zero with `-t z` |
-//! | ASC | as in the file, since the start of the measurement |
+//! | ASC | as in the file, since the start of the measurement; negative before it |
 //! | BLF | start of the measurement in the header plus the object's stamp, since 1970 |
 //! | MDF4 | the time channel, since the start of the measurement |
 //!
@@ -204,10 +204,11 @@ pub fn read_log(path: &Path, bus: Option<&str>, on: impl FnMut(LogFrame<'_>)) ->
 #[must_use]
 pub fn candump_line(nanos: i64, bus: &str, id: CanId, data: &[u8]) -> String {
     use std::fmt::Write as _;
-    let (seconds, rest) = (nanos.div_euclid(1_000_000_000), nanos.rem_euclid(1_000_000_000));
+    let sign = if nanos < 0 { "-" } else { "" };
+    let (seconds, rest) = (nanos.unsigned_abs() / 1_000_000_000, nanos.unsigned_abs() % 1_000_000_000);
     let width = if id.extended { 8 } else { 3 };
     let kind = if data.len() > 8 { "##1" } else { "#" };
-    let mut line = format!("({seconds}.{rest:09}) {bus} {:0width$X}{kind}", id.value);
+    let mut line = format!("({sign}{seconds}.{rest:09}) {bus} {:0width$X}{kind}", id.value);
     for byte in data {
         let _ = write!(line, "{byte:02X}");
     }

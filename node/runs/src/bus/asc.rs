@@ -7,8 +7,9 @@
 //!    0.250000 CANFD   1 Rx     18FF0001x                                  1 0 a 16 ...
 //! ```
 //!
-//! Times count from the start of the measurement, or with `timestamps relative` from the line before. An `x` ends an identifier of
-//! 29 bits. Lines with other events are passed over.
+//! Times count from the start of the measurement, or with `timestamps relative` from the line before. Events before the start, which a
+//! trigger with a pre-trigger time records, have negative times. An `x` ends an identifier of 29 bits. Lines with other events are passed
+//! over.
 
 use super::frame::{Bus, BusFrame, CanId, MOST_BYTES};
 use super::shown;
@@ -91,6 +92,15 @@ impl Asc {
     }
 }
 
+/// True if a line that begins with this word is an event. A word that only begins like a negative number is part of a note.
+fn is_time(word: &str) -> bool {
+    let begins = |text: &str| text.starts_with(|c: char| c.is_ascii_digit()) && text.contains('.');
+    match word.strip_prefix('-') {
+        Some(rest) => begins(rest) && rest.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.'),
+        None => begins(word),
+    }
+}
+
 fn is_direction(word: &str) -> bool {
     word.eq_ignore_ascii_case("rx") || word.eq_ignore_ascii_case("tx")
 }
@@ -100,7 +110,7 @@ impl LineReader for Asc {
         data.clear();
         let mut words = line.split_ascii_whitespace();
         let Some(time) = words.next() else { return Ok(None) };
-        if !time.starts_with(|c: char| c.is_ascii_digit()) || !time.contains('.') {
+        if !is_time(time) {
             return self.header(line).map(|()| None);
         }
         let nanos = self.nanos(time).ok_or_else(|| LineFault::AscTime { time: shown(time) })?;
@@ -219,6 +229,26 @@ mod tests {
         let frame = read(&mut asc, "0.25 1 288 Rx d 2 210 4").expect("good").expect("a frame");
         assert_eq!(frame, (750_000_000, "1".into(), "0x120".into(), vec![210, 4]));
         assert_eq!(read(&mut asc, "0.25 1 288 Rx d 1 1").expect("good").expect("a frame").0, 1_000_000_000);
+    }
+
+    #[test]
+    fn frames_before_the_trigger_have_negative_times() {
+        let mut asc = Asc::new();
+        let mut nanos = |line: &str| read(&mut asc, line).map(|frame| frame.map(|frame| frame.0));
+        assert_eq!(nanos("-0.500000 1 120 Rx d 1 ff"), Ok(Some(-500_000_000)), "it may be the first line");
+        assert_eq!(nanos("-0.000001 CANFD 1 Rx 120 1 0 1 1 7f"), Ok(Some(-1_000)));
+        assert_eq!(nanos("-0.25 Start of measurement"), Ok(None));
+        assert!(nanos("-0.25 1 120 Rx d 2 00").expect_err("a byte is missing").contains("1 of 2 data bytes"));
+        assert_eq!(
+            [nanos("-1.5mm was the offset"), nanos("- 1.5"), nanos("-12 1 120 Rx d 1 00")],
+            [Ok(None), Ok(None), Ok(None)]
+        );
+        assert_eq!(nanos("0.5 1 120 Rx d 1 ff"), Ok(Some(500_000_000)));
+        let mut relative = Asc::new();
+        let mut nanos = |line: &str| read(&mut relative, line).map(|frame| frame.map(|frame| frame.0));
+        assert_eq!(nanos("base hex timestamps relative"), Ok(None));
+        assert_eq!(nanos("-0.5 Trigger block"), Ok(None));
+        assert_eq!(nanos("0.25 1 120 Rx d 1 ff"), Ok(Some(-250_000_000)));
     }
 
     #[test]

@@ -400,6 +400,26 @@ fn times_of_blf_count_from_the_start_of_the_measurement() {
 }
 
 #[test]
+fn frames_of_asc_before_the_start_of_the_measurement_are_read() {
+    let dir = temporary();
+    let dbc = write(dir.path(), "car.dbc", DBC);
+    let options = mapped(&dbc, &["displacement=SUSP_FL.Position"]);
+    let text = String::from_utf8(asc(&frames())).expect("text");
+    let whole = loaded(&write(dir.path(), "whole.asc", &text), &options).run.displacement_m;
+    let header = text.lines().take(3).map(|line| format!("{line}\n")).collect::<String>();
+    let early =
+        "-0.500000 1 120 Rx d 8 01 00 00 00 00 00 00 00\n-0.000100 1 120 Rx d 8 02 00 00 00 00 00 00 00\n";
+    let path = write(dir.path(), "early.asc", text.replace(&header, &format!("{header}{early}")));
+    let found = loaded(&path, &options);
+    let is_hint = |note: &Note| matches!(note, Note::CouldServe { .. });
+    assert!(found.notes.iter().all(is_hint), "{:?}", found.notes);
+    let trace = found.run.displacement_m;
+    let stamps: Vec<i64> = trace.stamps.iter().take(3).map(|stamp| stamp.nanos()).collect();
+    assert_eq!(stamps, [-500_000_000, -100_000, 0]);
+    assert_eq!(trace.values[2..], whole.values);
+}
+
+#[test]
 fn what_a_cut_log_still_holds_is_read() {
     let dir = temporary();
     let dbc = write(dir.path(), "car.dbc", DBC);

@@ -92,6 +92,7 @@ fn values_of_frames_are_those_of_a_log() {
     let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
     assert_eq!(found[0], bits(&run.displacement_m.values));
     assert_eq!(found[1], bits(&run.drive.expect("a current").1.values));
+    assert_eq!(candump_line(-500_000_000, "can0", id(288), &[1]), "(-0.500000000) can0 120#01\n");
     // The log is also played frame by frame.
     let mut again = String::new();
     read_log(&file, Some("can0"), |frame| again += &candump_line(frame.nanos, "can0", frame.id, frame.data))
