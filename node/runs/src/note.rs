@@ -109,6 +109,13 @@ pub enum Note {
         /// What they have.
         what: &'static str,
     },
+    /// Several channel groups of an MDF4 file have frames of a signal and do not name their bus. They were read as one bus.
+    BusesUnnamed {
+        /// The signal.
+        signal: String,
+        /// Number of groups.
+        groups: usize,
+    },
     /// Frames of a log that cannot be used were dropped.
     FramesDropped {
         /// The file.
@@ -282,6 +289,11 @@ impl fmt::Display for Note {
             Self::SignalDropped { signal, count, what } => {
                 write!(f, "signal {signal}: {} with {what} dropped", counted(*count, "frame"))
             }
+            Self::BusesUnnamed { signal, groups } => write!(
+                f,
+                "signal {signal}: its frames are in {groups} groups of the file that do not name their bus, and were read as one bus; if \
+                 they are of several buses, record them with BusChannel"
+            ),
             Self::FramesDropped { path, count, what } => {
                 write!(f, "{}: {} with {what} dropped", path.display(), counted(*count, "frame"))
             }

@@ -3,6 +3,8 @@
 use super::dbc::Database;
 use super::frame::{BusFrame, CanId, FrameSink, Unusable};
 use super::lookup::check_signal;
+use super::places::{Place, SeenBuses, is_bus};
+use super::series::{Counts, Samples, Series};
 use super::signal::{Decoded, decode};
 use crate::column::Quantity;
 use crate::csv::settle_drive;
@@ -13,7 +15,7 @@ use crate::suggest::{self, FoundSignal};
 use crate::unit::{self, Unit};
 use crate::{LoadOptions, Note, RunError};
 use mr_damper_base::shown::count;
-use mr_damper_model::sample::{Run, Stamp, Trace};
+use mr_damper_model::sample::{Run, Trace};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -29,65 +31,11 @@ pub(super) enum Source {
     Plain(usize),
 }
 
-/// One channel while it is read.
-pub(super) struct Series {
-    quantity: Quantity,
-    /// Its name in messages, as in the map.
-    pub(super) name: String,
-    pub(super) source: Source,
-    convert: Convert,
-    trace: Trace,
-    counts: Counts,
-}
-
-/// What became of the frames or records of a channel.
-#[derive(Debug, Clone, Copy, Default)]
-struct Counts {
-    /// Frames of its message, or records of its channel.
-    frames: u64,
-    /// Whose multiplexer selects other signals.
-    absent: u64,
-    short: u64,
-    not_finite: u64,
-    not_increasing: u64,
-    /// With a value that the DBC file does not allow.
-    out_of_range: u64,
-    /// Without a usable time.
-    timeless: u64,
-}
-
-impl Series {
-    /// Takes a value in the unit of the source.
-    pub(super) fn push(&mut self, nanos: i64, raw: f64) {
-        let (stamp, value) = (Stamp::from_nanos(nanos), self.convert.apply(raw));
-        if !value.is_finite() {
-            self.counts.not_finite += 1;
-        } else if self.trace.stamps.last().is_some_and(|&last| stamp <= last) {
-            self.counts.not_increasing += 1;
-        } else {
-            self.trace.stamps.push(stamp);
-            self.trace.values.push(value);
-        }
-    }
-
-    /// Counts a record of its source, whether or not it has a value.
-    pub(super) fn count(&mut self) {
-        self.counts.frames += 1;
-    }
-
-    /// Counts a record of its source without a usable time.
-    pub(super) fn count_timeless(&mut self) {
-        self.counts.frames += 1;
-        self.counts.timeless += 1;
-    }
-}
-
 /// The frames of one identifier.
 #[derive(Debug, Default)]
 struct Seen {
     frames: u64,
-    /// The buses that they were on.
-    buses: Vec<String>,
+    buses: SeenBuses,
     /// The channels that they give.
     series: Vec<usize>,
     /// The message, if the database has it.
@@ -111,6 +59,10 @@ pub(super) struct Channels<'a> {
     unusable: BTreeMap<Unusable, u64>,
     /// The channels of an MDF4 file: name, unit, number of records.
     plain: Vec<FoundSignal>,
+    /// Names of the sources of an MDF4 file's frames.
+    pub(super) sources: Vec<String>,
+    /// Where the next frame comes from.
+    pub(super) place: Place,
 }
 
 impl<'a> Channels<'a> {
@@ -126,8 +78,10 @@ impl<'a> Channels<'a> {
         plain: Vec<FoundSignal>,
     ) -> Result<Self, RunError> {
         let (seen, unusable) = (BTreeMap::new(), BTreeMap::new());
+        let (sources, place) = (Vec::new(), Place::default());
+        let (series, unresolved) = (Vec::new(), Vec::new());
         let mut channels =
-            Self { options, database, series: vec![], unresolved: vec![], seen, unusable, plain };
+            Self { options, database, series, unresolved, seen, unusable, plain, sources, place };
         let fail = |map: String, why| RunError::Map { path: path.to_owned(), map, why: Box::new(why) };
         for mapping in options.map.all() {
             channels.add(mapping).map_err(|why| fail(mapping.to_string(), why))?;
@@ -195,8 +149,7 @@ impl<'a> Channels<'a> {
             let id = self.database.messages[*message].id;
             self.seen.entry(id).or_default().series.push(self.series.len());
         }
-        let (trace, counts) = (Trace::default(), Counts::default());
-        self.series.push(Series { quantity, name, source, convert, trace, counts });
+        self.series.push(Series { quantity, name, source, convert, samples: Samples::default() });
     }
 
     /// The source that `name` means, and its unit; `None` if nothing has this name.
@@ -287,7 +240,7 @@ impl<'a> Channels<'a> {
     }
 
     /// The run, after the log was read.
-    pub(super) fn into_run(self, path: &Path, notes: &mut Vec<Note>) -> Result<Run, RunError> {
+    pub(super) fn into_run(mut self, path: &Path, notes: &mut Vec<Note>) -> Result<Run, RunError> {
         let fail = |map: String, why| RunError::Map { path: path.to_owned(), map, why: Box::new(why) };
         if let Some(Unresolved { map, quantity, source }) = self.unresolved.first() {
             let found = self.found();
@@ -295,6 +248,13 @@ impl<'a> Channels<'a> {
                 suggest::nearest(source, found.iter().map(|found| &*found.source)).map(str::to_owned);
             let (signal, signals) = (source.clone(), self.listing(*quantity));
             return Err(fail(map.clone(), MapFault::NoSignal { signal, nearest, signals }));
+        }
+        for series in &mut self.series {
+            if series.samples.unnamed_groups() > 1 {
+                let (signal, groups) = (series.name.clone(), series.samples.unnamed_groups());
+                notes.push(Note::BusesUnnamed { signal, groups });
+            }
+            series.samples.merge();
         }
         for series in &self.series {
             self.check(series)
@@ -318,7 +278,8 @@ impl<'a> Channels<'a> {
         let mut drives: [Option<(String, Trace)>; 2] = [None, None];
         for series in self.series {
             series.notes(notes);
-            let Series { quantity, name, trace, .. } = series;
+            let Series { quantity, name, samples, .. } = series;
+            let trace = samples.into_trace();
             match quantity {
                 Quantity::Displacement => run.displacement_m = trace,
                 Quantity::Velocity => run.velocity_m_s = Some(trace),
@@ -340,16 +301,20 @@ impl<'a> Channels<'a> {
     /// Refuses a channel without samples, and one from several buses.
     fn check(&self, series: &Series) -> Result<(), MapFault> {
         let signal = series.name.clone();
-        if let Source::Signal { message, bus: None, .. } = &series.source {
-            let seen = self.seen.get(&self.database.messages[*message].id);
-            let buses = seen.map(|seen| seen.buses.as_slice()).unwrap_or_default();
+        if let Source::Signal { message, bus, .. } = &series.source {
+            let buses = self.buses(*message).named(bus.as_deref(), &self.sources).names(&self.sources);
             if buses.len() > 1 {
-                return Err(MapFault::SeveralBuses { signal, buses: buses.to_vec() });
+                let named = bus.as_ref().and_then(|bus| signal.strip_suffix(&format!(":{bus}")));
+                let signal = named.map(str::to_owned).unwrap_or(signal);
+                return Err(MapFault::SeveralBuses { signal, buses });
             }
         }
-        let Counts { frames, absent, short, not_increasing, out_of_range, timeless, .. } = series.counts;
-        if let Some(last) = series.trace.stamps.last() {
-            let kept = series.trace.len() as u64;
+        let Counts { frames, absent, short, not_increasing, out_of_range, timeless, .. } =
+            series.samples.counts;
+        if let Some(trace) = series.samples.trace()
+            && let Some(last) = trace.stamps.last()
+        {
+            let kept = trace.len() as u64;
             if not_increasing <= kept {
                 return Ok(());
             }
@@ -359,9 +324,9 @@ impl<'a> Channels<'a> {
         let signals = self.listing(series.quantity);
         match &series.source {
             Source::Signal { message, bus, .. } if frames == 0 => {
+                let seen = self.buses(*message).names(&self.sources);
                 let of = &self.database.messages[*message];
                 let (message, id) = (of.name.clone(), of.id.to_string());
-                let seen = self.seen.get(&of.id).map(|seen| seen.buses.clone()).unwrap_or_default();
                 match bus {
                     Some(bus) if !seen.is_empty() => {
                         Err(MapFault::NoBus { message, bus: bus.clone(), buses: seen })
@@ -383,6 +348,15 @@ impl<'a> Channels<'a> {
         }
     }
 
+    /// The buses that frames of a message were on.
+    fn buses(&self, message: usize) -> SeenBuses {
+        let mut buses = SeenBuses::default();
+        for seen in self.seen.values().filter(|seen| seen.message == Some(message)) {
+            buses.add_all(&seen.buses);
+        }
+        buses
+    }
+
     /// A note with signals that may hold the force or the drive, if these are missing.
     fn could_serve(&self) -> Option<Note> {
         let has = |wanted: Quantity| self.series.iter().any(|series| series.quantity == wanted);
@@ -398,52 +372,33 @@ impl<'a> Channels<'a> {
     }
 }
 
-impl Series {
-    fn notes(&self, notes: &mut Vec<Note>) {
-        let signal = || self.name.clone();
-        let Counts { not_finite, short, out_of_range, timeless, not_increasing, .. } = self.counts;
-        let counts = [
-            (not_finite, "NaN or infinite values"),
-            (short, "too few data bytes for it"),
-            (out_of_range, "a value outside of its range in the DBC file"),
-            (timeless, Unusable::Time.in_words()),
-        ];
-        for (count, what) in counts.into_iter().filter(|(count, _)| *count > 0) {
-            notes.push(Note::SignalDropped { signal: signal(), count, what });
-        }
-        if not_increasing > 0 {
-            notes.push(Note::SignalNotIncreasing { signal: signal(), count: not_increasing });
-        }
-    }
-}
-
 impl FrameSink for Channels<'_> {
     fn frame(&mut self, frame: &BusFrame<'_>) {
-        let database = self.database;
+        let (database, place) = (self.database, self.place);
         let seen = self.seen.entry(frame.id).or_default();
         if seen.frames == 0 {
             seen.message = database.messages.iter().position(|message| message.id == frame.id);
         }
         seen.frames += 1;
-        if !seen.buses.iter().any(|bus| frame.bus.is(bus)) && seen.buses.len() < 64 {
-            seen.buses.push(frame.bus.to_string());
-        }
+        seen.buses.add(frame.bus, place.origin);
+        let origin = place.origin.and_then(|origin| self.sources.get(origin)).map(String::as_str);
         for &index in &seen.series {
             let series = &mut self.series[index];
             let Source::Signal { message, signal, bus } = &series.source else { continue };
-            if bus.as_ref().is_some_and(|bus| !frame.bus.is(bus)) {
+            if bus.as_ref().is_some_and(|bus| !is_bus(bus, frame.bus, origin)) {
                 continue;
             }
             let signals = &database.messages[*message].signals;
             let decoded = decode(signals, *signal, frame.data);
             // As from a bus: see `input.rs`.
             let is_allowed = |value| signals[*signal].is_in_range(value);
-            series.counts.frames += 1;
+            let samples = &mut series.samples;
+            samples.counts.frames += 1;
             match decoded {
-                Decoded::Value(value) if !is_allowed(value) => series.counts.out_of_range += 1,
-                Decoded::Value(value) => series.push(frame.nanos, value),
-                Decoded::Absent => series.counts.absent += 1,
-                Decoded::Short => series.counts.short += 1,
+                Decoded::Value(value) if !is_allowed(value) => samples.counts.out_of_range += 1,
+                Decoded::Value(value) => samples.push(place, frame.nanos, series.convert.apply(value)),
+                Decoded::Absent => samples.counts.absent += 1,
+                Decoded::Short => samples.counts.short += 1,
             }
         }
     }

@@ -5,6 +5,7 @@
 
 mod blocks;
 mod data;
+mod origin;
 mod packed;
 mod structure;
 mod value;
@@ -19,6 +20,7 @@ use crate::unit::TimeUnit;
 use crate::{LoadOptions, Note, RunError};
 use blocks::{BlockFault, Blocks, Stop};
 use mr_damper_model::sample::Run;
+use origin::Origins;
 use std::io::{Read, Seek};
 use std::path::Path;
 use structure::{Channel, ChannelGroup, DataGroup, Role};
@@ -59,6 +61,8 @@ pub(super) fn load<R: Read + Seek>(
         return Err(RunError::NoDbc { path: path.to_owned() });
     }
     let mut channels = Channels::new(path, options, database, plain)?;
+    let origins = origin::origins(&numbered);
+    channels.sources.clone_from(&origins.sources);
     let wanted = wanted(path, &channels, &numbered, &places)?;
     let (mut records, mut ended) = (0, None);
     for (index, group) in groups.iter().enumerate() {
@@ -70,7 +74,7 @@ pub(super) fn load<R: Read + Seek>(
         let mut read = Records { group, state, counts: vec![0; group.groups.len()], pending: Vec::new() };
         let end = read.all(&blocks, &mut |number, record| {
             for reader in readers.iter_mut().filter(|reader| reader.group_index == number) {
-                reader.take(record, &mut channels);
+                reader.take(record, &origins, &mut channels);
             }
         });
         ended = ended.or(end.map_err(of_stop)?);
@@ -223,6 +227,8 @@ fn time_exponent(time: &Channel) -> Option<i32> {
 
 /// Reads the records of one channel group.
 struct Reader<'a> {
+    /// Number of the group in the file.
+    number: usize,
     group_index: usize,
     group: &'a ChannelGroup,
     time: &'a Channel,
@@ -274,7 +280,16 @@ fn readers<'a, R: Read + Seek>(
         if !values.is_empty() || frame.is_some() {
             // That of wanted channels is known.
             let exponent = time_exponent(time).unwrap_or(0);
-            readers.push(Reader { group_index: *index, group, time, exponent, values, frame, taken: 0 });
+            readers.push(Reader {
+                number: *number,
+                group_index: *index,
+                group,
+                time,
+                exponent,
+                values,
+                frame,
+                taken: 0,
+            });
         }
     }
     Ok(readers)
@@ -346,7 +361,7 @@ fn variable<R: Read + Seek>(
 }
 
 impl Reader<'_> {
-    fn take(&mut self, record: &[u8], channels: &mut Channels<'_>) {
+    fn take(&mut self, record: &[u8], origins: &Origins, channels: &mut Channels<'_>) {
         let index = self.taken;
         self.taken += 1;
         let Some(nanos) = self.nanos(record, index) else {
@@ -368,7 +383,10 @@ impl Reader<'_> {
         let Some(parts) = &self.frame else { return };
         match parts.of(record) {
             Some((bus, Some(id), data)) => {
-                channels.frame(&BusFrame { nanos, bus: Bus::Number(bus), id, data })
+                let named = || origins.bus(self.number).map_or(Bus::Number(0), Bus::Name);
+                let bus = bus.map_or_else(named, Bus::Number);
+                channels.place = origins.places.get(self.number).copied().unwrap_or_default();
+                channels.frame(&BusFrame { nanos, bus, id, data });
             }
             Some((_, None, _)) => channels.unusable(Unusable::Identifier),
             None => {}
@@ -395,8 +413,9 @@ impl Reader<'_> {
 }
 
 impl FrameParts<'_> {
-    /// Bus, identifier and data of the frame in a record. An identifier that cannot be is `None`.
-    fn of<'r>(&'r self, record: &'r [u8]) -> Option<(u32, Option<CanId>, &'r [u8])> {
+    /// Number of the bus, identifier and data of the frame in a record. The number is `None` if the group has none, and so is an identifier
+    /// that cannot be.
+    fn of<'r>(&'r self, record: &'r [u8]) -> Option<(Option<u32>, Option<CanId>, &'r [u8])> {
         let number = |channel: &Channel| channel.place.bits(record);
         let raw = u32::try_from(number(self.id)?).ok()?;
         // Without a mark, only an identifier of 29 bits can be larger than 0x7FF.
@@ -417,7 +436,7 @@ impl FrameParts<'_> {
             None => by_code().unwrap_or(stored.len()),
         };
         let data = stored.get(..length.min(stored.len()))?;
-        let bus = self.bus.and_then(number).and_then(|bus| u32::try_from(bus).ok()).unwrap_or(0);
+        let bus = self.bus.map(|bus| number(bus).and_then(|bus| u32::try_from(bus).ok()).unwrap_or(0));
         (data.len() <= MOST_BYTES).then_some((bus, id, data))
     }
 }

@@ -1,6 +1,7 @@
 //! Logs of a CAN bus: every format gives the run of the same values in a CSV file, damaged logs give what they still hold, and errors
 //! say what to do. `tests/oracles/bus_logs.py` compares with python-can, asammdf and cantools.
 
+mod groups;
 mod logs;
 mod packed;
 

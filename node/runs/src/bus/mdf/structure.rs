@@ -33,7 +33,19 @@ pub(super) struct ChannelGroup {
     /// True if a record is a length and so many bytes.
     pub(super) is_variable: bool,
     pub(super) has_remote_master: bool,
+    /// Name of the acquisition; may be empty.
+    pub(super) acquisition: String,
+    /// Where the records come from, if the file says it.
+    pub(super) source: Option<Source>,
     pub(super) channels: Vec<Channel>,
+}
+
+/// A source of acquisition, such as a bus.
+pub(super) struct Source {
+    pub(super) name: String,
+    pub(super) path: String,
+    /// The kind of bus, by its number in the standard.
+    pub(super) bus_type: u8,
 }
 
 /// Use of a channel.
@@ -130,10 +142,31 @@ fn channel_group<R: Read + Seek>(
         invalidation_bytes: block.u32(28)? as usize,
         is_variable: flags & VARIABLE != 0,
         has_remote_master: flags & REMOTE_MASTER != 0,
+        acquisition: unless_damaged(blocks.text(block.link(2)))?.unwrap_or_default(),
+        source: unless_damaged(source(blocks, block.link(3)))?.flatten(),
         channels: Vec::new(),
     };
     add_channels(blocks, block.link(1), &mut group.channels, DEEPEST, fault)?;
     Ok(group)
+}
+
+/// The source at an address; `None` for none.
+fn source<R: Read + Seek>(blocks: &Blocks<'_, R>, at: u64) -> Result<Option<Source>, Stop> {
+    if at == 0 {
+        return Ok(None);
+    }
+    let block = blocks.block(at, &[b"##SI"])?;
+    let (name, path) = (blocks.text(block.link(0))?, blocks.text(block.link(1))?);
+    Ok(Some(Source { name, path, bus_type: block.u8(1)? }))
+}
+
+/// What is read; `None` if it is damaged. Names of sources are not worth losing the records.
+fn unless_damaged<T>(read: Result<T, Stop>) -> Result<Option<T>, Stop> {
+    match read {
+        Ok(read) => Ok(Some(read)),
+        Err(Stop::Damaged(_)) => Ok(None),
+        Err(failed) => Err(failed),
+    }
 }
 
 /// Adds the channels of a list, and those in structures.

@@ -205,7 +205,13 @@ impl Mdf {
         self.bytes[at..at + 8].copy_from_slice(&to.to_le_bytes());
     }
 
-    fn text(&mut self, text: &str) -> u64 {
+    /// A source of acquisition, such as a channel of a recorder, of the kind BUS and the bus type CAN.
+    pub(super) fn source(&mut self, name: &str, path: &str) -> u64 {
+        let (name, path) = (self.text(name), self.text(path));
+        self.block(b"##SI", &[name, path, 0], &[2, 2, 0, 0, 0, 0, 0, 0])
+    }
+
+    pub(super) fn text(&mut self, text: &str) -> u64 {
         if text.is_empty() { 0 } else { self.block(b"##TX", &[], format!("{text}\0").as_bytes()) }
     }
 
