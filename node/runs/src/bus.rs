@@ -28,6 +28,7 @@ mod encode;
 mod error;
 mod frame;
 mod input;
+mod j1939;
 mod lookup;
 mod mdf;
 mod output;
@@ -41,6 +42,7 @@ mod unpack;
 pub use error::BusError;
 pub use frame::{CanId, MOST_BYTES};
 pub use input::{FrameReport, InputCheck, InputValue, Inputs, Refusal};
+pub use j1939::FrameFilter;
 pub use output::{FieldValue, OutputField, OutputMapping, OutputMessage, OutputTopic};
 
 use super::hash::{Hash, HashingReader};

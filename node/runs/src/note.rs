@@ -116,6 +116,15 @@ pub enum Note {
         /// Number of groups.
         groups: usize,
     },
+    /// Frames of a J1939 message came from several senders, and those of the sender in the DBC file were read.
+    OtherSenders {
+        /// The signal.
+        signal: String,
+        /// The address of the sender in the DBC file.
+        used: String,
+        /// The addresses of the others.
+        others: Vec<String>,
+    },
     /// Frames of a log that cannot be used were dropped.
     FramesDropped {
         /// The file.
@@ -293,6 +302,12 @@ impl fmt::Display for Note {
                 f,
                 "signal {signal}: its frames are in {groups} groups of the file that do not name their bus, and were read as one bus; if \
                  they are of several buses, record them with BusChannel"
+            ),
+            Self::OtherSenders { signal, used, others } => write!(
+                f,
+                "signal {signal}: frames of address {used} were read, which is that of the DBC file; others came from {}: name another one \
+                 after @",
+                others.join(", ")
             ),
             Self::FramesDropped { path, count, what } => {
                 write!(f, "{}: {} with {what} dropped", path.display(), counted(*count, "frame"))

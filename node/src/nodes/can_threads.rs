@@ -63,7 +63,7 @@ impl OpenCan {
     pub(super) fn of(config: &Config, instead: Option<Arc<dyn CanBus>>) -> Result<Option<Self>, NodeError> {
         let Some(setup) = CanSetup::of(config, &TOPICS, instead)? else { return Ok(None) };
         let CanSetup { bus, interface, inputs, estimate, command, period } = setup;
-        let receiver = bus.receiver(&inputs.ids())?;
+        let receiver = bus.receiver(&inputs.filters())?;
         let open = |message: OutputMessage| Ok::<_, NodeError>((message, bus.sender()?));
         let command = command.map(open).transpose()?;
         let estimate = estimate.map(open).transpose()?;

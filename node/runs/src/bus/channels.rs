@@ -1,10 +1,11 @@
 //! The channels of a run that a log of CAN frames gives: one signal each, as the map says.
 
-use super::dbc::Database;
+use super::dbc::{Database, Message};
 use super::frame::{BusFrame, CanId, FrameSink, Unusable};
-use super::lookup::check_signal;
+use super::j1939::{Sender, listed};
+use super::lookup::{check_signal, shown_id};
 use super::places::{Place, SeenBuses, is_bus};
-use super::series::{Counts, Samples, Series};
+use super::series::{Counts, Series};
 use super::signal::{Decoded, decode};
 use crate::column::Quantity;
 use crate::csv::settle_drive;
@@ -25,8 +26,9 @@ const LISTED_IDS: usize = 8;
 /// Where a channel comes from.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Source {
-    /// A signal in the frames of a message: indices in the database, and the bus if the map names one.
-    Signal { message: usize, signal: usize, bus: Option<String> },
+    /// A signal in the frames of a message: indices in the database, and bus and J1939 sender if the map names them. The sender is set when
+    /// the log was read, if the map names none.
+    Signal { message: usize, signal: usize, bus: Option<String>, sender: Option<Sender> },
     /// A channel of an MDF4 file, which the reader of the format knows by this number.
     Plain(usize),
 }
@@ -145,11 +147,7 @@ impl<'a> Channels<'a> {
     }
 
     fn push(&mut self, quantity: Quantity, name: String, source: Source, convert: Convert) {
-        if let Source::Signal { message, .. } = &source {
-            let id = self.database.messages[*message].id;
-            self.seen.entry(id).or_default().series.push(self.series.len());
-        }
-        self.series.push(Series { quantity, name, source, convert, samples: Samples::default() });
+        self.series.push(Series::new(quantity, name, source, convert));
     }
 
     /// The source that `name` means, and its unit; `None` if nothing has this name.
@@ -178,6 +176,9 @@ impl<'a> Channels<'a> {
                 return Err(MapFault::SignalTwice { signal: name.to_owned(), places: groups.join(", ") });
             }
         }
+        if let Some(found) = self.sent_signal(name)? {
+            return Ok(Some(found));
+        }
         let of_group =
             name.rsplit_once(':').and_then(|(name, group)| Some((name, group.parse::<usize>().ok()?)));
         let is_it = |found: &FoundSignal| Some((&*found.source, found.group)) == of_group;
@@ -188,27 +189,64 @@ impl<'a> Channels<'a> {
     /// The signal that `name` means, and its unit; `None` if the database has none.
     fn signal(&self, name: &str, bus: Option<&str>) -> Result<Option<(Source, String)>, MapFault> {
         let found = self.database.find(name)?;
-        Ok(found.map(|(message, signal)| {
-            let unit = self.database.messages[message].signals[signal].unit.clone();
-            (Source::Signal { message, signal, bus: bus.map(str::to_owned) }, unit)
-        }))
+        Ok(found.map(|(message, signal)| self.source_of(message, signal, bus, None)))
+    }
+
+    /// The same for a name with the sender of a J1939 message: `EEC1.Speed@0x21` or `EEC1.Speed@0x21:can0`.
+    fn sent_signal(&self, name: &str) -> Result<Option<(Source, String)>, MapFault> {
+        let (own, bus) = name.rsplit_once(':').map_or((name, None), |(own, bus)| (own, Some(bus)));
+        let found = self.database.find_sent(own)?;
+        Ok(found.map(|(message, signal, sender)| self.source_of(message, signal, bus, sender)))
+    }
+
+    fn source_of(
+        &self,
+        message: usize,
+        signal: usize,
+        bus: Option<&str>,
+        sender: Option<Sender>,
+    ) -> (Source, String) {
+        let unit = self.database.messages[message].signals[signal].unit.clone();
+        (Source::Signal { message, signal, bus: bus.map(str::to_owned), sender }, unit)
+    }
+
+    /// The messages that occur in the log, with the J1939 senders that the map must name, and their numbers of frames.
+    fn found_messages(&self) -> Vec<(&Message, Option<Sender>, u64)> {
+        let mut found: Vec<(&Message, Option<Sender>, u64)> = Vec::new();
+        for (id, seen) in &self.seen {
+            let Some(message) = seen.message.map(|message| &self.database.messages[message]) else {
+                continue;
+            };
+            let sender = message.is_j1939.then(|| Sender::of(*id));
+            match found.iter_mut().find(|it| std::ptr::eq(it.0, message) && it.1 == sender) {
+                Some((.., frames)) => *frames += seen.frames,
+                None => found.push((message, sender, seen.frames)),
+            }
+        }
+        // The one of the DBC file, and the only one, are read without a name.
+        let all = found.clone();
+        for (message, sender, _) in &mut found {
+            let is_only = all.iter().filter(|other| std::ptr::eq(other.0, *message)).count() == 1;
+            if is_only || *sender == Some(Sender::of(message.id)) {
+                *sender = None;
+            }
+        }
+        found
     }
 
     /// The signals that occur in the log, and the channels of an MDF4 file.
     fn found(&self) -> Vec<FoundSignal> {
-        let of_message = |seen: &Seen| {
-            let message = &self.database.messages[seen.message?];
-            let frames = seen.frames;
+        let mut found = Vec::new();
+        for (message, sender, frames) in self.found_messages() {
+            let end = sender.map(|sender| format!("@{sender}")).unwrap_or_default();
             let signals = message.signals.iter().filter(|signal| check_signal(message, signal).is_ok());
-            let found = signals.map(move |signal| FoundSignal {
-                source: format!("{}.{}", message.name, signal.name),
+            found.extend(signals.map(|signal| FoundSignal {
+                source: format!("{}.{}{end}", message.name, signal.name),
                 unit: signal.unit.clone(),
                 frames,
                 group: 0,
-            });
-            Some(found.collect::<Vec<_>>())
-        };
-        let mut found: Vec<FoundSignal> = self.seen.values().filter_map(of_message).flatten().collect();
+            }));
+        }
         found.extend(self.plain.iter().filter(|found| found.frames > 0).cloned());
         found
     }
@@ -249,7 +287,13 @@ impl<'a> Channels<'a> {
             let (signal, signals) = (source.clone(), self.listing(*quantity));
             return Err(fail(map.clone(), MapFault::NoSignal { signal, nearest, signals }));
         }
+        let database = self.database;
         for series in &mut self.series {
+            if let Source::Signal { message, .. } = series.source {
+                let chosen = series.choose_sender(Sender::of(database.messages[message].id));
+                let map = || format!("{}={}", topic_of(series.quantity), series.name);
+                notes.extend(chosen.map_err(|why| fail(map(), why))?);
+            }
             if series.samples.unnamed_groups() > 1 {
                 let (signal, groups) = (series.name.clone(), series.samples.unnamed_groups());
                 notes.push(Note::BusesUnnamed { signal, groups });
@@ -301,8 +345,9 @@ impl<'a> Channels<'a> {
     /// Refuses a channel without samples, and one from several buses.
     fn check(&self, series: &Series) -> Result<(), MapFault> {
         let signal = series.name.clone();
-        if let Source::Signal { message, bus, .. } = &series.source {
-            let buses = self.buses(*message).named(bus.as_deref(), &self.sources).names(&self.sources);
+        if let Source::Signal { message, bus, sender, .. } = &series.source {
+            let buses =
+                self.buses(*message, *sender).named(bus.as_deref(), &self.sources).names(&self.sources);
             if buses.len() > 1 {
                 let named = bus.as_ref().and_then(|bus| signal.strip_suffix(&format!(":{bus}")));
                 let signal = named.map(str::to_owned).unwrap_or(signal);
@@ -323,15 +368,22 @@ impl<'a> Channels<'a> {
         }
         let signals = self.listing(series.quantity);
         match &series.source {
-            Source::Signal { message, bus, .. } if frames == 0 => {
-                let seen = self.buses(*message).names(&self.sources);
+            Source::Signal { message, bus, sender, .. } if frames == 0 => {
+                let seen = self.buses(*message, *sender).names(&self.sources);
+                let senders = self.senders(*message);
                 let of = &self.database.messages[*message];
-                let (message, id) = (of.name.clone(), of.id.to_string());
+                let (message, id) = (of.name.clone(), shown_id(of));
                 match bus {
                     Some(bus) if !seen.is_empty() => {
                         Err(MapFault::NoBus { message, bus: bus.clone(), buses: seen })
                     }
-                    _ => Err(MapFault::NoFrame { message, id, signals }),
+                    _ => match sender {
+                        Some(sender) if !senders.is_empty() => {
+                            let (address, found) = (sender.to_string(), senders);
+                            Err(MapFault::NoSender { message, id, address, found })
+                        }
+                        _ => Err(MapFault::NoFrame { message, id, signals }),
+                    },
                 }
             }
             _ => {
@@ -348,13 +400,21 @@ impl<'a> Channels<'a> {
         }
     }
 
-    /// The buses that frames of a message were on.
-    fn buses(&self, message: usize) -> SeenBuses {
+    /// The buses that frames of a message were on, from a sender if one is given.
+    fn buses(&self, message: usize, sender: Option<Sender>) -> SeenBuses {
         let mut buses = SeenBuses::default();
-        for seen in self.seen.values().filter(|seen| seen.message == Some(message)) {
+        let is_from = |id: CanId| sender.is_none_or(|sender| sender.includes(Sender::of(id)));
+        for (_, seen) in self.seen.iter().filter(|(id, seen)| seen.message == Some(message) && is_from(**id))
+        {
             buses.add_all(&seen.buses);
         }
         buses
+    }
+
+    /// The addresses that frames of a J1939 message came from.
+    fn senders(&self, message: usize) -> Vec<String> {
+        let ids = self.seen.iter().filter(|(_, seen)| seen.message == Some(message)).map(|(id, _)| *id);
+        listed(&ids.map(Sender::of).collect())
     }
 
     /// A note with signals that may hold the force or the drive, if these are missing.
@@ -376,15 +436,24 @@ impl FrameSink for Channels<'_> {
     fn frame(&mut self, frame: &BusFrame<'_>) {
         let (database, place) = (self.database, self.place);
         let seen = self.seen.entry(frame.id).or_default();
+        let from = Sender::of(frame.id);
         if seen.frames == 0 {
-            seen.message = database.messages.iter().position(|message| message.id == frame.id);
+            seen.message = database.message_of(frame.id);
+            let is_of = |series: &Series| match &series.source {
+                Source::Signal { message, sender, .. } => {
+                    seen.message == Some(*message) && sender.is_none_or(|sender| sender.includes(from))
+                }
+                Source::Plain(_) => false,
+            };
+            let of_message = self.series.iter().enumerate().filter(|(_, series)| is_of(series));
+            seen.series = of_message.map(|(index, _)| index).collect();
         }
         seen.frames += 1;
         seen.buses.add(frame.bus, place.origin);
         let origin = place.origin.and_then(|origin| self.sources.get(origin)).map(String::as_str);
         for &index in &seen.series {
             let series = &mut self.series[index];
-            let Source::Signal { message, signal, bus } = &series.source else { continue };
+            let Source::Signal { message, signal, bus, sender } = &series.source else { continue };
             if bus.as_ref().is_some_and(|bus| !is_bus(bus, frame.bus, origin)) {
                 continue;
             }
@@ -392,7 +461,11 @@ impl FrameSink for Channels<'_> {
             let decoded = decode(signals, *signal, frame.data);
             // As from a bus: see `input.rs`.
             let is_allowed = |value| signals[*signal].is_in_range(value);
-            let samples = &mut series.samples;
+            let samples = if database.messages[*message].is_j1939 && Sender::is_open(*sender, frame.id) {
+                series.by_sender.entry(from).or_default()
+            } else {
+                &mut series.samples
+            };
             samples.counts.frames += 1;
             match decoded {
                 Decoded::Value(value) if !is_allowed(value) => samples.counts.out_of_range += 1,

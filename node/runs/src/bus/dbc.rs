@@ -8,16 +8,20 @@
 //! SG_MUL_VAL_ 288 Oil Selector 1-1, 5-7;
 //! ```
 //!
-//! Only these statements matter for decoding. All others (comments, attributes, tables of values) are passed over, so their faults
-//! cannot make a file unusable. Faults in how a message is defined, such as two signals of one name, are reported when a map uses
+//! Only these statements and a few attributes (`attributes.rs`) matter for decoding. All others (comments, other attributes, tables of
+//! values) are passed over, so their faults cannot make a file unusable. Faults in how a message is defined, such as two signals of one name, are reported when a map uses
 //! the message.
 
+mod attributes;
+mod marks;
 mod tokens;
 
 use super::frame::CanId;
 use super::signal::{Kind, Presence, Signal};
 use crate::RunError;
 use crate::error::DbcFault;
+use attributes::{LongName, Protocols};
+use marks::{Mark, keep_named_multiplexers, mark_of, select_by_marks};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use tokens::{Fault, KEYWORDS, Token, Tokens, shown};
@@ -37,6 +41,8 @@ pub(super) struct Message {
     pub(super) line: usize,
     /// Length in bytes.
     pub(super) bytes: u64,
+    /// True for a message of J1939, which is known by its PGN.
+    pub(super) is_j1939: bool,
     pub(super) signals: Vec<Signal>,
 }
 
@@ -108,23 +114,6 @@ enum Added {
     Selection { multiplexer: String, values: Vec<RangeInclusive<i128>> },
 }
 
-/// The whole name of a message or signal. Statements have at most 32 characters of it.
-struct LongName {
-    id: u64,
-    /// The signal; `None` for the message.
-    signal: Option<String>,
-    name: String,
-}
-
-/// How a signal is marked in its own line: `M`, `m1` or `m1M`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-struct Mark {
-    is_multiplexer: bool,
-    /// The value of the multiplexer that selects it.
-    value: Option<i128>,
-    is_selected: bool,
-}
-
 /// A file while it is read.
 struct Parser<'a> {
     tokens: Tokens<'a>,
@@ -136,6 +125,7 @@ struct Parser<'a> {
     marks: Vec<Vec<Mark>>,
     additions: Vec<Addition>,
     long_names: Vec<LongName>,
+    protocols: Protocols,
 }
 
 impl<'a> Parser<'a> {
@@ -149,6 +139,7 @@ impl<'a> Parser<'a> {
             marks: vec![],
             additions: vec![],
             long_names: vec![],
+            protocols: Protocols::default(),
         }
     }
 
@@ -165,6 +156,8 @@ impl<'a> Parser<'a> {
                 Token::Word("SIG_VALTYPE_") => self.number_kind(line)?,
                 Token::Word("SG_MUL_VAL_") => self.selection(line)?,
                 Token::Word("BA_") => self.attribute()?,
+                Token::Word("BA_DEF_") => self.attribute_definition()?,
+                Token::Word("BA_DEF_DEF_") => self.attribute_default()?,
                 Token::Word("NS_") => self.tokens.skip_list(),
                 Token::Word(word) if word.starts_with("//") => {
                     self.tokens.skip_line();
@@ -195,6 +188,9 @@ impl<'a> Parser<'a> {
         for long in std::mem::take(&mut self.long_names) {
             self.rename(long);
         }
+        for (message, marked) in self.messages.iter_mut().zip(&self.ids) {
+            message.is_j1939 = message.id.extended && self.protocols.is_j1939(*marked);
+        }
         self.messages.retain(|message| message.name != NO_MESSAGE);
         Ok(self.messages)
     }
@@ -214,7 +210,8 @@ impl<'a> Parser<'a> {
             None if name == NO_MESSAGE => CanId { value: 0, extended: true },
             None => return Err((line, DbcFault::Id { message: name, id: marked })),
         };
-        self.messages.push(Message { id, name, file: self.file, line, bytes, signals: Vec::new() });
+        let (file, is_j1939, signals) = (self.file, false, Vec::new());
+        self.messages.push(Message { id, name, file, line, bytes, is_j1939, signals });
         self.ids.push(marked);
         self.marks.push(Vec::new());
         Ok(())
@@ -343,42 +340,6 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    /// `BA_ "SystemSignalLongSymbol" SG_ 288 Position "PositionOfTheRod";`
-    fn attribute(&mut self) -> Result<(), Fault> {
-        let attribute = self.tokens.next()?;
-        let id = "the identifier of a message";
-        let (id, signal) = match attribute {
-            Token::Text("SystemMessageLongSymbol") => {
-                self.tokens.word("BO_")?;
-                (self.tokens.whole(id)?, None)
-            }
-            Token::Text("SystemSignalLongSymbol") => {
-                self.tokens.word("SG_")?;
-                (self.tokens.whole(id)?, Some(self.tokens.word("the name of a signal")?.to_owned()))
-            }
-            _ => return self.tokens.skip_statement(),
-        };
-        if let Token::Text(name) = self.tokens.next()? {
-            self.long_names.push(LongName { id, signal, name: name.to_owned() });
-        }
-        self.tokens.skip_statement()
-    }
-
-    fn rename(&mut self, long: LongName) {
-        let all = self.messages.iter_mut().zip(&self.ids);
-        for (message, _) in all.filter(|(_, marked)| **marked == long.id) {
-            let Some(short) = &long.signal else {
-                message.name.clone_from(&long.name);
-                continue;
-            };
-            message
-                .signals
-                .iter_mut()
-                .filter(|it| it.name == *short)
-                .for_each(|it| it.name.clone_from(&long.name));
-        }
-    }
-
     fn add(&mut self, addition: Addition) -> Result<(), Fault> {
         let Addition { line, id, signal, what } = addition;
         for (message, _) in self.messages.iter_mut().zip(&self.ids).filter(|(_, marked)| **marked == id) {
@@ -402,44 +363,6 @@ impl<'a> Parser<'a> {
             }
         }
         Ok(())
-    }
-}
-
-/// The mark of a signal; `None` if the word is none.
-fn mark_of(word: &str) -> Option<Mark> {
-    let (rest, is_multiplexer) = word.strip_suffix('M').map_or((word, false), |rest| (rest, true));
-    if rest.is_empty() {
-        return is_multiplexer.then_some(Mark { is_multiplexer, ..Mark::default() });
-    }
-    let digits = rest.strip_prefix('m')?;
-    let value = digits.parse::<u64>().ok().map(i128::from);
-    (value.is_some() || digits.is_empty()).then_some(Mark { is_multiplexer, value, is_selected: true })
-}
-
-/// The marks say which multiplexer selects a signal if the message has only one.
-fn select_by_marks(message: &mut Message, marks: &[Mark]) {
-    let mut multiplexers = marks.iter().enumerate().filter(|(_, mark)| mark.is_multiplexer);
-    let (Some((multiplexer, _)), None) = (multiplexers.next(), multiplexers.next()) else { return };
-    for (at, (signal, mark)) in message.signals.iter_mut().zip(marks).enumerate() {
-        if at == multiplexer {
-            signal.presence = Presence::Always;
-        } else if let Some(value) = mark.value {
-            signal.presence = Presence::When { multiplexer, values: vec![value..=value] };
-        }
-    }
-}
-
-/// Some tools mark a multiplexer with `m` alone. It is always present if the extended statement names it as a multiplexer.
-fn keep_named_multiplexers(message: &mut Message, marks: &[Mark]) {
-    for (at, mark) in marks.iter().enumerate().filter(|(_, mark)| mark.is_selected && mark.value.is_none()) {
-        let is_it =
-            |it: &Signal| matches!(it.presence, Presence::When { multiplexer, .. } if multiplexer == at);
-        if !mark.is_multiplexer
-            && message.signals[at].presence == Presence::Unknown
-            && message.signals.iter().any(is_it)
-        {
-            message.signals[at].presence = Presence::Always;
-        }
     }
 }
 

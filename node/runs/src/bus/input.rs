@@ -7,6 +7,7 @@
 use super::dbc::Database;
 use super::error::BusError;
 use super::frame::CanId;
+use super::j1939::{FrameFilter, Sender, Senders, Use};
 use super::protection::{Failed, Protection, ProtectionNames};
 use super::signal::{Decoded, decode};
 use crate::error::MapFault;
@@ -69,6 +70,8 @@ pub struct FrameReport {
     pub out_of_range: u64,
     /// Frames of a checked message that are missing before this one.
     pub missing: u64,
+    /// Messages of J1939 that several senders send, none of which the DBC file or the map names. They gave no value.
+    pub several_senders: u64,
 }
 
 /// Why a frame gave no value at all.
@@ -82,6 +85,8 @@ pub enum Refusal {
     Checksum,
     /// The alive counter repeats its last value, or has one that it cannot have.
     Counter,
+    /// Several senders send the J1939 message, and neither the map nor the DBC file names one of them.
+    SeveralSenders,
 }
 
 struct InputSignal {
@@ -93,7 +98,14 @@ struct InputSignal {
 struct InputMessage {
     /// The message in the database.
     message: usize,
+    /// Its identifier, with the addresses that the map names.
     id: CanId,
+    /// The frames that may be its own.
+    filter: FrameFilter,
+    /// The sender that the map names.
+    sender: Option<Sender>,
+    /// The senders so far, for a message of J1939 without a name of its sender.
+    senders: Senders,
     signals: Vec<InputSignal>,
     protection: Option<Protection>,
 }
@@ -128,7 +140,7 @@ impl Inputs {
         if let Some((topic, _)) = mapping.topic() {
             return Err(fault(MapFault::TopicOfLog { topic: topic.to_owned() }));
         }
-        let Some((message, signal)) = self.database.find(&mapping.source).map_err(fault)? else {
+        let Some((message, signal, sender)) = self.database.find_sent(&mapping.source).map_err(fault)? else {
             let nearest = self.nearest(&mapping.source);
             return Err(BusError::Unknown { text, nearest });
         };
@@ -141,11 +153,15 @@ impl Inputs {
             fault(MapFault::SignalUnit { signal, unit, channel, fitting: fitting.join(", ") })
         })?;
         let input = InputSignal { channel, signal, convert: mapping.convert(unit.to_si) };
-        match self.messages.iter_mut().find(|known| known.message == message) {
+        let is_it = |known: &&mut InputMessage| known.message == message && known.sender == sender;
+        match self.messages.iter_mut().find(is_it) {
             Some(known) => known.signals.push(input),
             None => self.messages.push(InputMessage {
                 message,
-                id: of.id,
+                id: sender.map_or(of.id, |sender| sender.applied(of.id)),
+                filter: FrameFilter::new(of.id, of.is_j1939, sender),
+                sender,
+                senders: Senders::Unknown,
                 signals: vec![input],
                 protection: None,
             }),
@@ -175,14 +191,17 @@ impl Inputs {
         let name = of.name.clone();
         let protection = Protection::new(&check.text, of, &check.names)?;
         let (id, text) = (of.id, check.text.clone());
-        let Some(message) = self.messages.iter_mut().find(|known| known.id == id) else {
-            return Err(BusError::Unused { text, message: name });
-        };
-        if message.protection.is_some() {
-            return Err(BusError::Twice { text, name });
+        let is_it = |known: &InputMessage| self.database.messages[known.message].id == id;
+        // One for each sender of a message of J1939.
+        let mut checked = false;
+        for known in self.messages.iter_mut().filter(|known| is_it(known)) {
+            if known.protection.is_some() {
+                return Err(BusError::Twice { text, name });
+            }
+            known.protection = Some(protection.clone());
+            checked = true;
         }
-        message.protection = Some(protection);
-        Ok(())
+        if checked { Ok(()) } else { Err(BusError::Unused { text, message: name }) }
     }
 
     /// Identifiers of the messages that hold inputs.
@@ -191,11 +210,26 @@ impl Inputs {
         self.messages.iter().map(|message| message.id).collect()
     }
 
-    /// The message of an identifier, by its name, for messages to the user; `None` if it holds no input.
+    /// The frames that may hold inputs; others give no value.
+    #[must_use]
+    pub fn filters(&self) -> Vec<FrameFilter> {
+        self.messages.iter().map(|message| message.filter).collect()
+    }
+
+    /// The message of a frame with this identifier, by its name, for messages to the user; `None` if it holds no input.
     #[must_use]
     pub fn message(&self, id: CanId) -> Option<&str> {
-        let message = self.messages.iter().find(|message| message.id == id)?;
-        Some(&self.database.messages[message.message].name)
+        Some(&self.database.messages[self.of_frame(id)?.message].name)
+    }
+
+    /// The identifier of the message of a frame, which is one of [`ids`](Self::ids). Frames of J1939 may have others.
+    #[must_use]
+    pub fn message_id(&self, id: CanId) -> Option<CanId> {
+        self.of_frame(id).map(|message| message.id)
+    }
+
+    fn of_frame(&self, id: CanId) -> Option<&InputMessage> {
+        self.messages.iter().find(|message| message.is_of(id, &self.database))
     }
 
     /// Passes the values of a frame to `on`.
@@ -209,13 +243,65 @@ impl Inputs {
         mut on: impl FnMut(InputValue),
     ) -> Result<FrameReport, Refusal> {
         let database = &self.database;
-        let message = self.messages.iter_mut().find(|message| message.id == id).ok_or(Refusal::Other)?;
+        let mut all: Result<FrameReport, Refusal> = Err(Refusal::Other);
+        // Several if a map names the sender of one signal of a J1939 message and not of another.
+        for message in self.messages.iter_mut().filter(|message| message.is_of(id, database)) {
+            let taken = message.take(id, data, database, &mut on);
+            all = match (all, taken) {
+                (Ok(report), taken) => Ok(report.with(taken)),
+                (Err(before), Ok(report)) => Ok(report.with(Err(before))),
+                (Err(Refusal::Other), Err(why)) | (Err(why), Err(_)) => Err(why),
+            };
+        }
+        all
+    }
+}
+
+impl FrameReport {
+    /// The counts of both.
+    fn with(self, other: Result<Self, Refusal>) -> Self {
+        let other = other.unwrap_or_else(|why| Self {
+            several_senders: u64::from(why == Refusal::SeveralSenders),
+            ..Self::default()
+        });
+        Self {
+            values: self.values + other.values,
+            short: self.short + other.short,
+            out_of_range: self.out_of_range + other.out_of_range,
+            missing: self.missing + other.missing,
+            several_senders: self.several_senders + other.several_senders,
+        }
+    }
+}
+
+impl InputMessage {
+    /// True if a frame with this identifier carries the message. As for logs: see [`Database::message_of`].
+    fn is_of(&self, id: CanId, database: &Database) -> bool {
+        self.filter.passes(id)
+            && (!database.messages[self.message].is_j1939 || database.message_of(id) == Some(self.message))
+    }
+
+    fn take(
+        &mut self,
+        id: CanId,
+        data: &[u8],
+        database: &Database,
+        on: &mut impl FnMut(InputValue),
+    ) -> Result<FrameReport, Refusal> {
+        let of = &database.messages[self.message];
+        if of.is_j1939 && Sender::is_open(self.sender, id) {
+            match self.senders.take(Sender::of(id), Sender::of(of.id)) {
+                Use::Take => {}
+                Use::Pass => return Err(Refusal::Other),
+                Use::Refuse => return Err(Refusal::SeveralSenders),
+            }
+        }
         let mut report = FrameReport::default();
-        if let Some(protection) = &mut message.protection {
+        if let Some(protection) = &mut self.protection {
             report.missing = protection.check(data).map_err(Refusal::from)?.missing;
         }
-        let signals = &database.messages[message.message].signals;
-        for input in &message.signals {
+        let signals = &of.signals;
+        for input in &self.signals {
             match decode(signals, input.signal, data) {
                 Decoded::Value(raw) if !signals[input.signal].is_in_range(raw) => report.out_of_range += 1,
                 Decoded::Value(raw) => {

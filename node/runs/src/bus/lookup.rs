@@ -1,6 +1,7 @@
 //! Finds the signal that a name means in the messages of DBC files.
 
 use super::dbc::{Database, Message};
+use super::j1939::{Sender, pgn};
 use super::signal::{Presence, Signal};
 use crate::error::MapFault;
 
@@ -45,6 +46,25 @@ impl Database {
         Ok(Some((message, signal)))
     }
 
+    /// The signal that `name` means, as [`find`](Self::find) gives it, and the sender of its J1939 message if `name` ends with its address:
+    /// `EEC1.Speed@0x21`.
+    ///
+    /// # Errors
+    /// As for [`find`](Self::find), and when the address does not fit the message.
+    pub(super) fn find_sent(&self, name: &str) -> Result<Option<(usize, usize, Option<Sender>)>, MapFault> {
+        if let Some((message, signal)) = self.find(name)? {
+            return Ok(Some((message, signal, None)));
+        }
+        let Some((own, address)) = name.rsplit_once('@') else { return Ok(None) };
+        let Some((message, signal)) = self.find(own)? else { return Ok(None) };
+        let (of, address) = (&self.messages[message], address.to_owned());
+        if !of.is_j1939 {
+            return Err(MapFault::NotJ1939 { signal: own.to_owned(), message: of.name.clone(), address });
+        }
+        let sender = Sender::named(&address, of.id).ok_or(MapFault::Address { address })?;
+        Ok(Some((message, signal, Some(sender))))
+    }
+
     /// Refuses a message whose identifier another message has, too.
     pub(super) fn check_identifier(&self, of: &Message) -> Result<(), MapFault> {
         let twins: Vec<String> = self
@@ -57,6 +77,15 @@ impl Database {
             return Err(MapFault::MessageTwice { id: of.id.to_string(), places: twins.join(", ") });
         }
         Ok(())
+    }
+}
+
+/// The identifier of a message, for messages to the user.
+pub(super) fn shown_id(message: &Message) -> String {
+    if message.is_j1939 {
+        format!("{}, J1939 PGN {}", message.id, pgn(message.id.value))
+    } else {
+        message.id.to_string()
     }
 }
 

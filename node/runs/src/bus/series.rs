@@ -2,11 +2,14 @@
 
 use super::channels::Source;
 use super::frame::Unusable;
+use super::j1939::{Sender, listed};
 use super::places::Place;
 use crate::Note;
 use crate::column::Quantity;
+use crate::error::MapFault;
 use crate::map::Convert;
 use mr_damper_model::sample::{Stamp, Trace};
+use std::collections::BTreeMap;
 
 /// One channel while it is read.
 pub(super) struct Series {
@@ -16,6 +19,8 @@ pub(super) struct Series {
     pub(super) source: Source,
     pub(super) convert: Convert,
     pub(super) samples: Samples,
+    /// Those of each sender of a J1939 message, until the log is read and one is chosen.
+    pub(super) by_sender: BTreeMap<Sender, Samples>,
 }
 
 /// The samples of a channel.
@@ -102,6 +107,39 @@ impl Samples {
 }
 
 impl Series {
+    pub(super) fn new(quantity: Quantity, name: String, source: Source, convert: Convert) -> Self {
+        Self { quantity, name, source, convert, samples: Samples::default(), by_sender: BTreeMap::new() }
+    }
+
+    /// Chooses the sender of a J1939 message if the map names none: that of the DBC file, `own`, or the only one.
+    pub(super) fn choose_sender(&mut self, own: Sender) -> Result<Option<Note>, MapFault> {
+        let mut all = std::mem::take(&mut self.by_sender);
+        let used =
+            if all.contains_key(&own) || all.len() != 1 { own } else { *all.keys().next().unwrap_or(&own) };
+        let samples = all.remove(&used);
+        let found = || listed(&all.keys().copied().collect());
+        match samples {
+            None if all.is_empty() => return Ok(None),
+            None => {
+                let found = found();
+                let first = &found[0];
+                let Source::Signal { bus, .. } = &self.source else { return Ok(None) };
+                let bus = bus.as_ref().map(|bus| format!(":{bus}")).unwrap_or_default();
+                let name = self.name.strip_suffix(&bus).unwrap_or(&self.name);
+                // A map may name the source address alone.
+                let name = name.rsplit_once('@').map_or(name, |(name, _)| name);
+                let example = format!("{name}@{first}{bus}");
+                return Err(MapFault::SeveralSenders { found, own: own.to_string(), example });
+            }
+            Some(samples) => self.samples = samples,
+        }
+        if let Source::Signal { sender, .. } = &mut self.source {
+            *sender = Some(used);
+        }
+        let (signal, used) = (self.name.clone(), used.to_string());
+        Ok((!all.is_empty()).then(|| Note::OtherSenders { signal, used, others: found() }))
+    }
+
     /// Takes a value in the unit of the source, from a record of a plain channel.
     pub(super) fn push(&mut self, nanos: i64, raw: f64) {
         self.samples.push(Place::default(), nanos, self.convert.apply(raw));

@@ -211,6 +211,53 @@ pub enum MapFault {
         /// The buses.
         buses: Vec<String>,
     },
+    /// An address is given for a message that is not of J1939.
+    #[error(
+        "{signal} is in message {message}, which the DBC file does not mark as J1939 (VFrameFormat \"J1939PG\", or ProtocolType \"J1939\"): \
+         leave out @{address}, or mark the message"
+    )]
+    NotJ1939 {
+        /// The signal.
+        signal: String,
+        /// The message.
+        message: String,
+        /// The address as given.
+        address: String,
+    },
+    /// The address of a J1939 message's sender is not one.
+    #[error(
+        "`{address}` is not a source address of J1939, such as 0x21 or 33; only for messages to one destination (PDU1), its address may \
+         follow, as in 0x21/0x05"
+    )]
+    Address {
+        /// The address as given.
+        address: String,
+    },
+    /// The log has no frame of the J1939 message from the named sender.
+    #[error("no frame of {message} ({id}) came from address {address}; frames came from {}", found.join(", "))]
+    NoSender {
+        /// The message.
+        message: String,
+        /// Its identifier.
+        id: String,
+        /// The address as in the map.
+        address: String,
+        /// The addresses that frames came from.
+        found: Vec<String>,
+    },
+    /// Several senders send a J1939 message, and none of them is that of the DBC file.
+    #[error(
+        "its J1939 message came from several addresses ({}; the DBC file has {own}): name one after @, as in {example}",
+        found.join(", ")
+    )]
+    SeveralSenders {
+        /// The addresses: of the source, and for PDU1 of the destination.
+        found: Vec<String>,
+        /// The address in the DBC file.
+        own: String,
+        /// The signal with the first address, as the map can name it.
+        example: String,
+    },
     /// No frame has a value of the signal.
     #[error(
         "none of the {frames} frames or records has a finite value of {signal}{parts}: map another signal"

@@ -9,6 +9,7 @@ mod run_support;
 
 mod bag;
 mod bus;
+mod bus_j1939;
 mod bus_live;
 mod csv;
 mod damage;

@@ -141,7 +141,7 @@ fn can(Damper { config, args }: &Damper) -> Option<Finding> {
     let what = format!("CAN bus of {}", args.full_name());
     let opened = CanSetup::of(config, &TOPICS, None).and_then(|setup| {
         let Some(setup) = setup else { return Ok(None) };
-        let inputs = setup.inputs.ids();
+        let inputs = setup.inputs.filters();
         setup.bus.receiver(&inputs)?;
         let outputs =
             [&setup.estimate, &setup.command].into_iter().flatten().map(|message| message.name().to_owned());

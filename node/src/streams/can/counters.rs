@@ -53,6 +53,8 @@ counters! {
     bad_checksum: Fault, "frames have a wrong checksum and were not used: check data_id, and the wiring";
     /// Frames whose alive counter stands still, or has a value that it cannot have.
     bad_counter: Fault, "frames repeat their alive counter and were not used: their sender hangs, or two nodes send the message";
+    /// Frames of J1939 messages that several senders send, none of which the map or the DBC file names.
+    several_senders: Fault, "frames of a J1939 message come from several source addresses and were not used: name one in can.map, as in MESSAGE.SIGNAL@0x21";
     /// Frames that are missing, according to the alive counter.
     missing: Fault, "frames are missing, according to their alive counter";
     /// Values that the DBC file does not allow.

@@ -7,7 +7,7 @@
 use super::{Arrival, BusFault, CanBus, CanError, Frame, FrameReceiver, FrameSender, SendFault};
 use mr_damper_base::clock::system_now;
 use mr_damper_model::sample::Stamp;
-use mr_damper_runs::bus::{CanId, candump_line, read_log};
+use mr_damper_runs::bus::{CanId, FrameFilter, candump_line, read_log};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Write};
@@ -75,7 +75,7 @@ impl LogBus {
 }
 
 impl CanBus for LogBus {
-    fn receiver(&self, wanted: &[CanId]) -> Result<Box<dyn FrameReceiver>, CanError> {
+    fn receiver(&self, wanted: &[FrameFilter]) -> Result<Box<dyn FrameReceiver>, CanError> {
         let (sender, frames) = sync_channel(AHEAD);
         let (path, bus, wanted) = (self.path.clone(), self.bus.clone(), wanted.to_vec());
         let read = move || {
@@ -83,7 +83,7 @@ impl CanBus for LogBus {
             let done = read_log(&path, bus.as_deref(), |frame| {
                 // The first frame of the log is its start, whatever message it is.
                 let start = *first.get_or_insert(frame.nanos);
-                if wanted.contains(&frame.id)
+                if wanted.iter().any(|filter| filter.passes(frame.id))
                     && let Some(frame) =
                         Frame::new(frame.id, Stamp::from_nanos(frame.nanos.saturating_sub(start)), frame.data)
                 {

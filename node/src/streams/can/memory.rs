@@ -3,7 +3,7 @@
 use super::{Arrival, BusFault, CanBus, CanError, Frame, FrameReceiver, FrameSender, SendFault};
 use mr_damper_base::clock::system_now;
 use mr_damper_model::sample::Stamp;
-use mr_damper_runs::bus::CanId;
+use mr_damper_runs::bus::{CanId, FrameFilter};
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -62,7 +62,7 @@ impl MemoryBus {
 
 impl CanBus for MemoryBus {
     /// The receiver of a bus in memory gets all frames, so that a test sees how others are treated.
-    fn receiver(&self, _wanted: &[CanId]) -> Result<Box<dyn FrameReceiver>, CanError> {
+    fn receiver(&self, _wanted: &[FrameFilter]) -> Result<Box<dyn FrameReceiver>, CanError> {
         Ok(Box::new(self.clone()))
     }
 

@@ -29,7 +29,7 @@ pub use setup::CanSetup;
 
 use crate::settings::error::PartError;
 use mr_damper_model::sample::Stamp;
-use mr_damper_runs::bus::{BusError, CanId, MOST_BYTES};
+use mr_damper_runs::bus::{BusError, CanId, FrameFilter, MOST_BYTES};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -114,11 +114,11 @@ pub trait FrameSender: Send {
 
 /// A bus, or an interface to it.
 pub trait CanBus: Send + Sync {
-    /// A receiver of the frames with the identifiers `wanted`, and of the faults of the bus.
+    /// A receiver of the frames that pass one of the filters `wanted`, and of the faults of the bus.
     ///
     /// # Errors
     /// When the interface cannot be opened.
-    fn receiver(&self, wanted: &[CanId]) -> Result<Box<dyn FrameReceiver>, CanError>;
+    fn receiver(&self, wanted: &[FrameFilter]) -> Result<Box<dyn FrameReceiver>, CanError>;
 
     /// A sender.
     ///

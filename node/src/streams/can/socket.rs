@@ -1,6 +1,6 @@
 //! An interface of the kernel, by SocketCAN.
 //!
-//! Each thread has a socket of its own. A filter in the kernel passes to the receiving socket the wanted identifiers only, and the error
+//! Each thread has a socket of its own. A filter in the kernel passes to the receiving socket the wanted frames only, and the error
 //! frames about the state of the controller. The kernel stamps each frame on reception (`SO_TIMESTAMPNS`, on `CLOCK_REALTIME`, which is
 //! the clock of the node). The sending sockets receive nothing and never block. Other programs on this machine see the sent frames, as
 //! usual.
@@ -10,7 +10,7 @@
 use super::{Arrival, BusFault, CanBus, CanError, Frame, FrameReceiver, FrameSender, SendFault};
 use mr_damper_base::clock::system_now;
 use mr_damper_model::sample::Stamp;
-use mr_damper_runs::bus::CanId;
+use mr_damper_runs::bus::{CanId, FrameFilter};
 use socketcan::{
     CanAnyFrame, CanError as ControllerError, CanFdFrame, CanFdSocket, CanFilter, CanFrame, CanSocket,
     EmbeddedFrame, ExtendedId, Id, Socket, SocketOptions, StandardId,
@@ -57,7 +57,7 @@ impl KernelBus {
 }
 
 impl CanBus for KernelBus {
-    fn receiver(&self, wanted: &[CanId]) -> std::result::Result<Box<dyn FrameReceiver>, CanError> {
+    fn receiver(&self, wanted: &[FrameFilter]) -> std::result::Result<Box<dyn FrameReceiver>, CanError> {
         let filters: Vec<CanFilter> = wanted.iter().map(filter).collect();
         let socket = open(&self.interface, &filters).map_err(|why| self.error(why))?;
         let interface = self.interface.clone();
@@ -77,10 +77,11 @@ impl CanBus for KernelBus {
     }
 }
 
-/// The filter for one identifier.
-fn filter(id: &CanId) -> CanFilter {
+/// The filter of the kernel for the frames of one message.
+fn filter(wanted: &FrameFilter) -> CanFilter {
+    let FrameFilter { id, mask } = wanted;
     let (value, bits) = if id.extended { (id.value | EXTENDED, 0x1fff_ffff) } else { (id.value, 0x7ff) };
-    CanFilter::new(value, bits | EXTENDED | REMOTE)
+    CanFilter::new(value, bits & mask | EXTENDED | REMOTE)
 }
 
 fn open(interface: &str, filters: &[CanFilter]) -> Result<CanFdSocket> {

@@ -112,7 +112,9 @@ impl SourceThread {
         // A stamp of zero means that there is none.
         let stamp_ns = if self.clock.is_simulated() { 0 } else { frame.stamp.nanos() };
         let sent_ns = frame.stamp.nanos();
-        let origin = SampleOrigin { writer: writer(frame.id), sent_ns: Some(sent_ns), arrived_ns: sent_ns };
+        // Frames of one J1939 message may differ in their priority.
+        let id = self.inputs.message_id(frame.id).unwrap_or(frame.id);
+        let origin = SampleOrigin { writer: writer(id), sent_ns: Some(sent_ns), arrived_ns: sent_ns };
         let (mut wakes, queue) = (false, &self.queue);
         let taken = self.inputs.take(frame.id, frame.data(), |InputValue { channel, value }| {
             let Some(input) = TOPICS.iter().position(|topic| *topic == channel) else { return };
@@ -132,6 +134,7 @@ impl SourceThread {
                 CanCounters::add(&counters.short, report.short);
                 CanCounters::add(&counters.out_of_range, report.out_of_range);
                 CanCounters::add(&counters.missing, report.missing);
+                CanCounters::add(&counters.several_senders, report.several_senders);
             }
             Err(why) => {
                 let (is_known, count) = match why {
@@ -139,6 +142,7 @@ impl SourceThread {
                     Refusal::Short => (1, &counters.short),
                     Refusal::Checksum => (1, &counters.bad_checksum),
                     Refusal::Counter => (1, &counters.bad_counter),
+                    Refusal::SeveralSenders => (1, &counters.several_senders),
                 };
                 CanCounters::add(&counters.frames, is_known);
                 CanCounters::add(count, 1);

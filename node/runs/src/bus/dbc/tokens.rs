@@ -65,6 +65,7 @@ pub(super) fn shown(text: &str) -> String {
 }
 
 /// The rest of a file, and its line.
+#[derive(Clone)]
 pub(super) struct Tokens<'a> {
     rest: &'a str,
     /// The line, from 1.
