@@ -116,7 +116,7 @@ pub enum Note {
         /// Number of groups.
         groups: usize,
     },
-    /// Frames of a J1939 message came from several senders, and those of the sender in the DBC file were read.
+    /// Frames of a J1939 message came from several senders. The frames of the sender in the DBC file were read.
     OtherSenders {
         /// The signal.
         signal: String,
@@ -305,7 +305,7 @@ impl fmt::Display for Note {
             ),
             Self::OtherSenders { signal, used, others } => write!(
                 f,
-                "signal {signal}: frames of address {used} were read, which is that of the DBC file; others came from {}: name another one \
+                "signal {signal}: frames of address {used} were read, because the DBC file has it; others came from {}: name another one \
                  after @",
                 others.join(", ")
             ),

@@ -413,8 +413,8 @@ impl Reader<'_> {
 }
 
 impl FrameParts<'_> {
-    /// Number of the bus, identifier and data of the frame in a record. The number is `None` if the group has none, and so is an identifier
-    /// that cannot be.
+    /// Number of the bus, identifier and data of the frame in a record. The number is `None` if the group lacks it. An identifier that
+    /// cannot be is `None`, too.
     fn of<'r>(&'r self, record: &'r [u8]) -> Option<(Option<u32>, Option<CanId>, &'r [u8])> {
         let number = |channel: &Channel| channel.place.bits(record);
         let raw = u32::try_from(number(self.id)?).ok()?;

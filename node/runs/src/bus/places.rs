@@ -31,7 +31,7 @@ impl SeenBus {
     }
 }
 
-/// True if `wanted` is a name of the bus: its own, that of its source, or both as `SOURCE/BUS`.
+/// True if `wanted` is a name of the bus: its own, the name of its source, or both as `SOURCE/BUS`.
 pub(super) fn is_bus(wanted: &str, bus: Bus<'_>, source: Option<&str>) -> bool {
     let of_source = |source: &str| {
         wanted

@@ -77,7 +77,7 @@ impl Samples {
         self.parts.iter().filter(|(place, _)| place.is_unnamed).count()
     }
 
-    /// Merges the parts in order of time. Of samples of one time, that of the first part stays.
+    /// Merges the parts in order of time. If several parts have a sample at one time, the first part's sample stays.
     pub(super) fn merge(&mut self) {
         if self.parts.len() < 2 {
             return;
@@ -111,7 +111,7 @@ impl Series {
         Self { quantity, name, source, convert, samples: Samples::default(), by_sender: BTreeMap::new() }
     }
 
-    /// Chooses the sender of a J1939 message if the map names none: that of the DBC file, `own`, or the only one.
+    /// Chooses the sender of a J1939 message if the map names none: the sender in the DBC file, `own`, or the only one.
     pub(super) fn choose_sender(&mut self, own: Sender) -> Result<Option<Note>, MapFault> {
         let mut all = std::mem::take(&mut self.by_sender);
         let used =

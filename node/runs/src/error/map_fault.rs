@@ -245,7 +245,7 @@ pub enum MapFault {
         /// The addresses that frames came from.
         found: Vec<String>,
     },
-    /// Several senders send a J1939 message, and none of them is that of the DBC file.
+    /// Several senders send a J1939 message, and the DBC file names none of them.
     #[error(
         "its J1939 message came from several addresses ({}; the DBC file has {own}): name one after @, as in {example}",
         found.join(", ")

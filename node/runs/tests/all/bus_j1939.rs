@@ -8,7 +8,7 @@ use std::fs;
 use std::path::PathBuf;
 use tempfile::TempDir;
 
-/// EEC is of PDU2 and its address is that of no sender; TSC is of PDU1; OWN has the address of a sender. PLAIN is not of J1939, and has a PGN
+/// EEC is of PDU2 and no sender has its address; TSC is of PDU1; OWN has the address of a sender. PLAIN is not of J1939, and has a PGN
 /// of its own.
 const DBC: &str = r#"VERSION ""
 BU_: ECU
@@ -99,7 +99,7 @@ fn warnings(found: &Loaded) -> Vec<String> {
     found.notes.iter().map(ToString::to_string).collect()
 }
 
-/// What a running bus gives for each frame: the value, or the refusal.
+/// The value of each frame on a running bus, or the refusal.
 fn live(inputs: &mut Inputs, frames: &[(&str, u32, i16)]) -> Vec<Result<i64, Refusal>> {
     let take = |(_, id, value): &(&str, u32, i16)| {
         let mut found = Vec::new();
@@ -117,7 +117,7 @@ fn frames_match_by_pgn_whatever_priority_and_addresses_they_have() {
     let files = Files::new(DBC);
     for (source, frames) in [
         ("EEC.Position", [("can0", 0x0cf0_0421, 1), ("can0", 0x18f0_0421, 2), ("can0", 0x18f0_0521, 9)]),
-        // The destination of PDU1 is no part of the PGN, and data pages are.
+        // The PGN contains the data pages, but not the destination of PDU1.
         ("TSC.Demand", [("can0", 0x0c00_0f0b, 1), ("can0", 0x0000_0f0b, 2), ("can0", 0x0d00_0f0b, 9)]),
         ("OWN.Stroke", [("can0", OWN, 1), ("can0", OWN & 0x03ff_ffff, 2), ("can0", 0x18fe_e100, 9)]),
         ("OWN.Stroke", [("can0", OWN_OF_21, 1), ("can0", OWN_OF_21, 2), ("can0", 0x18fe_e100, 9)]),
@@ -220,7 +220,7 @@ fn the_sender_of_the_dbc_file_has_priority() {
     assert_eq!(
         warnings(&found),
         [
-            "signal OWN.Stroke: frames of address 0x00 were read, which is that of the DBC file; others came from 0x21, 0x22: name another one \
+            "signal OWN.Stroke: frames of address 0x00 were read, because the DBC file has it; others came from 0x21, 0x22: name another one \
           after @"
         ]
     );

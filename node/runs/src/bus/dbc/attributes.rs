@@ -43,7 +43,7 @@ impl Definition {
     }
 }
 
-/// What the attributes of a file say about its protocol.
+/// The attributes of a file that tell the protocol of its messages.
 #[derive(Default)]
 pub(super) struct Protocols {
     format: Definition,
@@ -63,7 +63,7 @@ impl Protocols {
         }
     }
 
-    /// True if the message with this identifier, of 29 bits, is one of J1939: its own attribute counts first, and then that of the file.
+    /// True if the message with this identifier, of 29 bits, is one of J1939. The attribute of the message has priority over the file's.
     pub(super) fn is_j1939(&self, id: u64) -> bool {
         let own = self.formats.iter().rev().find(|(known, _)| *known == id).map(|(_, value)| value);
         let format = own.or(self.format.default.as_ref()).map(|value| self.format.named(value));

@@ -1,13 +1,13 @@
 //! The buses of an MDF4 file's groups of frames, as far as the file names them.
 //!
 //! `BusChannel` is the number of a bus in each record. The source of acquisition of a group (block `SI`) names the bus or the recorder. A
-//! group without both may still have a name of its acquisition. Groups that name nothing cannot be told apart.
+//! group without both may still have a name of its acquisition. The reader cannot distinguish groups that name nothing.
 
 use super::structure::ChannelGroup;
 use super::{Numbered, frame_parts};
 use crate::bus::places::Place;
 
-/// What a group says about its bus. The default says nothing.
+/// The names that a group gives its bus. The default has no name.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 struct Identity {
     name: String,
@@ -29,13 +29,13 @@ impl Identity {
                 acquisition: String::new(),
             });
         }
-        // Names of acquisitions may also be those of kinds of frames; with the number of the bus they are not needed.
+        // The name of an acquisition may be the name of a kind of frames, so the number of the bus has priority.
         let acquisition = group.acquisition.clone();
         (!has_number && !acquisition.is_empty()).then(|| Self { acquisition, ..Self::default() })
     }
 }
 
-/// What the file says about the buses of its groups.
+/// The buses of the groups, as the file names them.
 pub(super) struct Origins {
     /// The place of each group, by its number.
     pub(super) places: Vec<Place>,
@@ -53,7 +53,7 @@ impl Origins {
     }
 }
 
-/// What the file says about the buses of its groups.
+/// The buses of the groups, as the file names them.
 pub(super) fn origins(groups: &[Numbered<'_>]) -> Origins {
     let mut known: Vec<Identity> = Vec::new();
     // The origins of groups without the number of the bus.

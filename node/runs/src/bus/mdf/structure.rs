@@ -160,7 +160,7 @@ fn source<R: Read + Seek>(blocks: &Blocks<'_, R>, at: u64) -> Result<Option<Sour
     Ok(Some(Source { name, path, bus_type: block.u8(1)? }))
 }
 
-/// What is read; `None` if it is damaged. Names of sources are not worth losing the records.
+/// The value that was read; `None` if it is damaged. A damaged name of a source must not cost the records.
 fn unless_damaged<T>(read: Result<T, Stop>) -> Result<Option<T>, Stop> {
     match read {
         Ok(read) => Ok(Some(read)),
