@@ -131,11 +131,12 @@ thresholds! {
     /// Least share of the base's reducible error that an effect must remove: the base's own misfit around a large effect is of this size.
     /// If less than this remains, no further effect is searched for.
     least_of_base = 0.001, Effects, Value, "chosen";
-    /// The same if structures are compared and the effect does not follow time. Beside a large effect, a base that is not of the damper's
-    /// structure shows small ones that are not there.
+    /// Least share of the base's reducible error that an effect must remove if structures are compared and the effect does not follow time.
+    /// Beside a large effect, a base that is not of the damper's structure shows small ones that are not there.
     least_beside = 0.015, Structures, Value,
         "measured on dampers with bristles and a velocity saturation: inertia that was not there 0.007 to 0.012, effects that were 0.018 or more";
-    /// The same in paired mode, where the change that an effect makes to the base has the base's own errors.
+    /// Least share of the base's reducible error that an effect must remove in paired mode, where the change that an effect makes to the
+    /// base has the base's own errors.
     least_beside_in_pairs = 0.05, Pairs, Value,
         "measured beside a dead zone: 0.04 to 0.06 for effects that were not there; the warm gas of a real damper 0.07";
     /// A validation run counts as worse if its squared error grows by more than this share of itself and by more than
@@ -175,16 +176,16 @@ thresholds! {
     floor_contradicted = 1.2, Verdict, AboveOne, "chosen";
     /// Least correlation of the remaining error with a measured signal that is reported.
     least_correlation = 0.05, Verdict, Value, "chosen";
-    /// Largest probability of such a correlation by chance, corrected for the number of signals.
+    /// Largest probability that a reported correlation is chance, corrected for the number of signals.
     correlation_p = 0.05, Verdict, Value, "chosen: the level of the test";
 
     /// A structure fits worse than the best one if the ratio of their squared errors is below this and its interval is below one.
     about_as_well = 0.9, Structures, BelowOne, "chosen: as same_class";
-    /// The same where the validation runs are too short for an interval.
+    /// `about_as_well` where the validation runs are too short for an interval.
     about_as_well_unproved = 0.8, Structures, BelowOne, "chosen: about_as_well with a margin for chance";
     /// A structure is not searched further if the squared error of another one, a round earlier, is below this share of its own.
     surpassed = 0.1, Structures, Value, "chosen for time";
-    /// A structure is far behind if this ratio is below this with the effects that the rounds found. The checks of these effects, which
+    /// A structure is far behind if the least squared error is below this share of its own with the effects that the rounds found. The checks of these effects, which
     /// follow, change the error by much less.
     far_behind = 0.5, Structures, Value, "chosen for time";
     /// Parameters of an effect under two structures are the same if they differ by less than this share, or if their intervals overlap.
@@ -199,7 +200,7 @@ thresholds! {
     term_p = 0.01, Terms, Value, "chosen: the level of the test";
     /// Least share of the squared error on the validation runs that an accepted term removes.
     term_least_share = 0.05, Terms, Value, "chosen";
-    /// The same without the space of structures, which is not in the model.
+    /// `term_least_share` without the space of structures, which is not in the model.
     term_least_raw_share = 0.02, Terms, Value, "as least_confirmed";
     /// Terms whose squared error on the validation runs is within this share of the least one are alike.
     term_alike = 0.03, Terms, Value, "chosen";
@@ -209,7 +210,7 @@ thresholds! {
     cost_of_number = 0.008, Terms, Value, "chosen";
     /// Ratio of a term's amount on healthy runs to its own up to which it is an effect.
     effect_on_healthy = 0.2, Terms, Value, "chosen";
-    /// Least such ratio for a part of the damper's own structure.
+    /// Least ratio of a term's amount on healthy runs to its own for a part of the damper's own structure.
     structure_on_healthy = 0.5, Terms, Value, "chosen: a meaning of the word";
     /// Largest probability of a hum of the mains or a machine by chance.
     hum_p = 0.01, Terms, Value, "as term_p";

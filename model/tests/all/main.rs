@@ -22,6 +22,7 @@ mod commands;
 mod jitter;
 mod learning;
 mod pipeline;
+mod thresholds;
 mod uncertainty;
 mod uncertainty_coverage;
 mod validity;
