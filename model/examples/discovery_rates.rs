@@ -18,16 +18,13 @@ mod diagnosis;
 
 use diagnosis::cases::{CaseSpec, Kind, OUTSIDE, Valve};
 use diagnosis::instruments::Instrument;
+use diagnosis::outcome::{Instrumentation, Prepared};
 use diagnosis::rates::Rate;
 use mr_damper_model::Error;
 use mr_damper_model::diagnose::discover::{Claim, FoundTerm};
-use mr_damper_model::diagnose::{
-    Bases, DiagnosisResult, Runs, Settings, close, close_any, default_structures,
-};
+use mr_damper_model::diagnose::{DiagnosisResult, Settings};
 use mr_damper_model::effect::term::{Argument, Form, Modulator};
-use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
 use mr_damper_model::rig::inject::EFFECTS;
-use mr_damper_model::sample::Run;
 
 /// The first of the rig's effects that were written after the lists of modulators, arguments and forms.
 const FIRST_AFTER: &str = "seal_drag";
@@ -89,23 +86,10 @@ fn arguments() -> Result<Arguments, Box<dyn std::error::Error>> {
 }
 
 fn diagnose(spec: &CaseSpec, seed: u64, given: &Arguments) -> Result<DiagnosisResult, Error> {
-    let conditioning = diagnosis::outcome::CONDITIONING;
-    let rows = |runs: &[Run]| -> Result<Vec<Dataset>, Error> {
-        runs.iter().map(|run| Dataset::from_run(run, &conditioning, &DatasetOptions::default())).collect()
-    };
-    let case = spec.case(seed)?;
-    let (estimate, confirm, test) = (rows(&case.estimate)?, rows(&case.confirm)?, rows(&case.test)?);
-    let healthy = if given.healthy { rows(&spec.healthy(seed + 100_000)?.estimate)? } else { Vec::new() };
-    let options = Options { conditioning, choose_velocity: false, ..Options::default() };
-    let runs =
-        Runs { estimate: &estimate, confirm: &confirm, test: &test, healthy: &healthy, ..Runs::default() };
-    let (settings, watch) = (Settings::default(), Watch::none());
-    if given.fixed {
-        let base = identify_datasets(ModelSpec::FUZZY_TANH, &estimate, &options, &watch)?.model;
-        return close(&base, &runs, &settings, &watch, &|_| {});
-    }
-    let bases = Bases { given: None, structures: &default_structures(true)?, options: &options };
-    close_any(&bases, &runs, &settings, &watch, &|_| {})
+    let healthy = if given.healthy { spec.healthy(seed + 100_000)?.estimate } else { Vec::new() };
+    let prepared = Prepared::new(&spec.case(seed)?, &healthy, Instrumentation::Auto)?;
+    let prepared = if given.fixed { prepared.with_fuzzy_tanh()? } else { prepared };
+    prepared.diagnose(&Settings::default())
 }
 
 /// True if the term, or a pair of its class, is of the effect `id`.

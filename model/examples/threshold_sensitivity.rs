@@ -8,9 +8,10 @@
 //!     --only NAME   the threshold with this name
 //! ```
 //!
-//! Prints the rows of the guide's table. At half and double stand three counts: the cases with an effect in which each effect was named; the
-//! cases in which one was named that is not there; the cases whose names, terms or verdict differ from those with all defaults. For terms the
-//! first two count cases in which an effect or a hum was found where there is one, and where there is none.
+//! Prints the rows of the guide's table. Each cell of half and double has three counts. The first is of the cases with an effect in which each
+//! effect was named, the second of cases in which one was named that is not there. The third is of the cases whose names, terms or verdict
+//! differ from the answers of all defaults. For terms, the first two count the cases in which a term or a hum was claimed as an effect, with
+//! an effect in the runs and without one.
 //!
 //! | part | cases |
 //! |---|---|
@@ -102,7 +103,7 @@ fn names(part: Part) -> Vec<String> {
     }
 }
 
-/// What a diagnosis said about a case.
+/// The result of a diagnosis of a case.
 struct Answer {
     outcome: Outcome,
     /// The discovered terms and hum that are effects, as text without numbers.

@@ -334,11 +334,9 @@ impl<'a> Procedure<'a> {
         let share =
             (pair.base.squares - pair.found.squares) / (pair.base.squares - noise).max(f64::MIN_POSITIVE);
         let found = self.findings(&pair.found.model).next().is_some();
-        (self.mode == DiagnosisMode::Paired && found && share < self.settings.thresholds.most_of_change)
-            .then_some(Refusal::MostIsSomethingElse {
-                share,
-                needed: self.settings.thresholds.most_of_change,
-            })
+        let needed = self.settings.thresholds.most_of_change;
+        (self.mode == DiagnosisMode::Paired && found && share < needed)
+            .then_some(Refusal::MostIsSomethingElse { share, needed })
     }
 
     /// Why the base is inadequate; `None` if it is adequate.
@@ -406,9 +404,8 @@ impl<'a> Procedure<'a> {
             let Some(refined) = self.joint().refit(&start, FINAL)? else { continue };
             let share = (current.squares - refined.squares) / (current.squares - noise);
             let confirmed = self.round(noise, 0).confirmed(&current.model, &refined.model);
-            if share >= self.settings.thresholds.least_refinement
-                && confirmed.is_ok_and(|share| share >= self.settings.thresholds.least_refinement)
-            {
+            let needed = self.settings.thresholds.least_refinement;
+            if share >= needed && confirmed.is_ok_and(|share| share >= needed) {
                 current = refined;
             }
         }

@@ -67,6 +67,7 @@ pub(super) struct Round<'a> {
 impl Round<'_> {
     /// Selects at most one of the effects that `current` does not have.
     pub(super) fn run(&self, current: &Fitted, all: &Scores) -> Result<Outcome, Error> {
+        let thresholds = &self.settings.thresholds;
         let scores = &all.able;
         let tests: Vec<&[f64]> = scores.iter().map(|score| score.sums.as_slice()).collect();
         let adjusted = adjusted_p_values(&tests, self.settings.seed);
@@ -87,7 +88,7 @@ impl Round<'_> {
         let mut worth: Vec<usize> = (0..scores.len())
             .filter(|&k| {
                 adjusted[k] <= self.settings.significance
-                    && candidates[k].promises >= self.settings.thresholds.worth_a_refit
+                    && candidates[k].promises >= thresholds.worth_a_refit
             })
             .collect();
         worth.sort_by(|a, b| scores[*b].predicted_drop.total_cmp(&scores[*a].predicted_drop));
@@ -104,8 +105,7 @@ impl Round<'_> {
         refits.sort_by(|a, b| b.drop.total_cmp(&a.drop));
         if let Some(most) = refits.first().map(|best| best.drop).filter(|_| !self.joint.base_moves) {
             // On one motion the form of an effect shows little: of those that remove about as much, the one with the fewest parameters.
-            let alike = refits
-                .partition_point(|refitted| refitted.drop >= self.settings.thresholds.same_class * most);
+            let alike = refits.partition_point(|refitted| refitted.drop >= thresholds.same_class * most);
             refits[..alike].sort_by_key(|refitted| refitted.score.effect.parameters().len());
         }
         let (mut refused, mut passed) = (Vec::new(), None);
@@ -115,8 +115,7 @@ impl Round<'_> {
                     let mut class = self.class(current, best, &refits, scores)?;
                     // A change since the references that could not be tested, and would remove as much, is not excluded.
                     let as_much = |score: &&Score| {
-                        !self.joint.base_moves
-                            && score.predicted_drop >= self.settings.thresholds.same_class * best.drop
+                        !self.joint.base_moves && score.predicted_drop >= thresholds.same_class * best.drop
                     };
                     for silent in all.silent.iter().filter(as_much) {
                         if !class.contains(&silent.effect.id()) {
@@ -124,7 +123,7 @@ impl Round<'_> {
                         }
                     }
                     if OF_PHASE.contains(&class[0])
-                        && is_neutral(self.joint.rows, &change_n(current, &fitted), &self.settings.thresholds)
+                        && is_neutral(self.joint.rows, &change_n(current, &fitted), thresholds)
                     {
                         let others = OF_PHASE.into_iter().filter(|id| self.settings.effects.has_id(id));
                         let new: Vec<&str> = others.filter(|id| !class.contains(id)).collect();
@@ -153,25 +152,23 @@ impl Round<'_> {
 
     /// Fits `candidate` completely and checks it: the fitted model, or why it is rejected.
     fn validate(&self, current: &Fitted, candidate: &Refitted) -> Result<Result<Fitted, Refusal>, Error> {
+        let thresholds = &self.settings.thresholds;
         let ranked = candidate.drop / (current.squares - self.noise);
-        if ranked.is_nan() || ranked < self.settings.thresholds.hopeless {
-            return Ok(Err(Refusal::TooSmall {
-                share: ranked,
-                needed: self.settings.thresholds.least_share,
-            }));
+        if ranked.is_nan() || ranked < thresholds.hopeless {
+            return Ok(Err(Refusal::TooSmall { share: ranked, needed: thresholds.least_share }));
         }
         let Some(fitted) = self.joint.refit(&candidate.fitted.model, FINAL)? else {
             return Ok(Err(Refusal::Diverges));
         };
         let share = (current.squares - fitted.squares) / (current.squares - self.noise);
-        if share.is_nan() || share < self.settings.thresholds.least_share {
-            return Ok(Err(Refusal::TooSmall { share, needed: self.settings.thresholds.least_share }));
+        if share.is_nan() || share < thresholds.least_share {
+            return Ok(Err(Refusal::TooSmall { share, needed: thresholds.least_share }));
         }
         let (effect, drop) = (candidate.score.effect, current.squares - fitted.squares);
         let needed_of_base = match self.force > 0.0 && !effect.follows_time() {
-            _ if !self.joint.base_moves => self.settings.thresholds.least_beside_in_pairs,
-            true => self.settings.thresholds.least_beside,
-            false => self.settings.thresholds.least_of_base,
+            _ if !self.joint.base_moves => thresholds.least_beside_in_pairs,
+            true => thresholds.least_beside,
+            false => thresholds.least_of_base,
         };
         if drop < needed_of_base * self.base_reducible {
             return Ok(Err(Refusal::WithinMisfit { share, needed_of_base }));
@@ -181,7 +178,7 @@ impl Round<'_> {
         }
         let change_n = change_n(current, &fitted);
         if let Some(Contradiction { residual_j, effect_j }) =
-            denies(self.joint.rows, &current.residual_n, &change_n, &self.settings.thresholds)
+            denies(self.joint.rows, &current.residual_n, &change_n, thresholds)
         {
             return Ok(Err(Refusal::EnergyContradicts { effect_j, residual_j }));
         }
@@ -202,12 +199,11 @@ impl Round<'_> {
 
     /// Rejects an effect that removes so little squared error that the structure of the base may be the cause.
     pub(super) fn beyond_structure(&self, effect: Effect, drop: f64) -> Result<(), Refusal> {
+        let thresholds = &self.settings.thresholds;
         let of_force = if self.force > 0.0 { (drop.max(0.0) / self.force).sqrt() } else { f64::INFINITY };
-        match effect.follows_time() || of_force >= self.settings.thresholds.least_of_force {
+        match effect.follows_time() || of_force >= thresholds.least_of_force {
             true => Ok(()),
-            false => {
-                Err(Refusal::WithinStructure { of_force, needed: self.settings.thresholds.least_of_force })
-            }
+            false => Err(Refusal::WithinStructure { of_force, needed: thresholds.least_of_force }),
         }
     }
 
@@ -218,6 +214,7 @@ impl Round<'_> {
         before: &crate::effect::Augmented,
         after: &crate::effect::Augmented,
     ) -> Result<f64, Refusal> {
+        let thresholds = &self.settings.thresholds;
         let (Some(before), Some(after)) =
             (Fitted::as_is(*before, self.confirm), Fitted::as_is(*after, self.confirm))
         else {
@@ -230,19 +227,14 @@ impl Round<'_> {
                 dot(part, part)
             };
             let (was, is) = (squares(&before), squares(&after));
-            if is > (1.0 + self.settings.thresholds.worse_run) * was
-                && is - was > self.settings.thresholds.matters * saved
-            {
+            if is > (1.0 + thresholds.worse_run) * was && is - was > thresholds.matters * saved {
                 let run = run.dataset.name.clone();
                 return Err(Refusal::WorseInValidation { run, increase: is / was - 1.0 });
             }
         }
         let share = saved / before.squares;
-        if share.is_nan() || share < self.settings.thresholds.least_confirmed {
-            return Err(Refusal::TooSmallInValidation {
-                share,
-                needed: self.settings.thresholds.least_confirmed,
-            });
+        if share.is_nan() || share < thresholds.least_confirmed {
+            return Err(Refusal::TooSmallInValidation { share, needed: thresholds.least_confirmed });
         }
         Ok(share)
     }
@@ -255,15 +247,14 @@ impl Round<'_> {
         refits: &[Refitted],
         scores: &[Score],
     ) -> Result<Vec<&'static str>, Error> {
+        let thresholds = &self.settings.thresholds;
         let mut class = vec![best.score.effect.id()];
         let mut join = |effect: Effect| {
             if !class.contains(&effect.id()) {
                 class.push(effect.id());
             }
         };
-        for other in
-            refits.iter().filter(|other| other.drop >= self.settings.thresholds.same_class * best.drop)
-        {
+        for other in refits.iter().filter(|other| other.drop >= thresholds.same_class * best.drop) {
             let effects = other.fitted.model.effects().as_slice();
             let Some(index) = effects.iter().position(|e| e.effect() == other.score.effect) else { continue };
             let found = self.intervals(&other.fitted, Contents::Chance)?.of(index);
@@ -275,7 +266,7 @@ impl Round<'_> {
             }
         }
         let alike = |a: &[f64], b: &[f64]| {
-            dot(a, b).abs() / (dot(a, a) * dot(b, b)).sqrt() >= self.settings.thresholds.alike_scores
+            dot(a, b).abs() / (dot(a, a) * dot(b, b)).sqrt() >= thresholds.alike_scores
         };
         for score in
             scores.iter().filter(|score| score.predicted_drop > 0.0 && alike(&score.own, &best.score.own))

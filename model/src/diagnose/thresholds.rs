@@ -7,11 +7,11 @@
 /// The part of a diagnosis that uses a threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
-    /// Which effect of the library is named.
+    /// The choice of an effect of the library.
     Effects,
     /// The verdict, and what is said about the error that remains.
     Verdict,
-    /// Which structure of the base is chosen, and whether an effect holds under the others.
+    /// The choice of a structure for the base, and of the effects that hold under the others.
     Structures,
     /// Runs that are compared with references.
     Pairs,
@@ -19,7 +19,7 @@ pub enum Part {
     Terms,
 }
 
-/// What is halved and doubled when the sensitivity to a threshold is measured.
+/// The quantity that is halved and doubled when the sensitivity to a threshold is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scaled {
     /// The value.
@@ -48,7 +48,7 @@ pub struct Threshold {
     pub part: Part,
     /// The default, dimensionless unless the name ends in a unit.
     pub default: f64,
-    /// What a change by a factor applies to.
+    /// The quantity that a factor multiplies.
     pub scaled: Scaled,
     /// Where the default comes from.
     pub source: &'static str,
@@ -58,7 +58,7 @@ pub struct Threshold {
 }
 
 impl Threshold {
-    /// What it decides, as one sentence.
+    /// The meaning of the field, as one sentence without a full stop.
     #[must_use]
     pub fn meaning(&self) -> &'static str {
         let text = self.text.trim();

@@ -92,15 +92,13 @@ pub(super) fn find(search: &Search, model: &Augmented) -> Option<Hum> {
         [search.runs.estimate, search.runs.confirm].map(|runs| Rows::new(runs, usize::MAX));
     let train = Spectrum::new(&train, model)?;
     let confirm = Spectrum::new(&confirm, model)?;
-    let coarse_hz = train.line(search.settings.thresholds.hum_in_force)?;
+    let thresholds = &search.settings.thresholds;
+    let coarse_hz = train.line(thresholds.hum_in_force)?;
     let at = |j: usize| coarse_hz + train.step_hz * (2.0 * j as f64 / REFINED as f64 - 1.0);
     let power = |hz: &f64| train.power(*hz);
     let frequency_hz = (0..=REFINED).map(at).max_by(|a, b| power(a).total_cmp(&power(b)))?;
     let (p, share) = (confirm.p(frequency_hz)?, confirm.share(frequency_hz));
-    if p > search.settings.thresholds.hum_p
-        || share.is_nan()
-        || share < search.settings.thresholds.hum_least_share
-    {
+    if p > thresholds.hum_p || share.is_nan() || share < thresholds.hum_least_share {
         return None;
     }
     // Each run has its own phase. The squared amplitude of noise alone is taken off.

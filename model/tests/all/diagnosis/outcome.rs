@@ -1,6 +1,6 @@
 //! The result of the diagnosis for a case. Only [`Prepared::diagnose`] calls the diagnosis.
 
-use super::cases::{Case, Kind};
+use super::cases::Case;
 use mr_damper_model::Error;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::diagnose::{
@@ -142,13 +142,19 @@ impl Prepared {
             placement: instrumentation.placement(),
             ..Options::default()
         };
-        let of_base = if case.kind == Kind::Paired { &reference[..1] } else { &estimate[..] };
-        let base = match instrumentation {
-            Instrumentation::Auto => None,
-            _ => Some(identify_datasets(ModelSpec::FUZZY_TANH, of_base, &options, &Watch::none())?.model),
-        };
         let (confirm, test, healthy) = (rows(&case.confirm)?, rows(&case.test)?, rows(healthy)?);
-        Ok(Self { estimate, confirm, test, reference, healthy, options, base })
+        let chosen = Self { estimate, confirm, test, reference, healthy, options, base: None };
+        if instrumentation == Instrumentation::Auto { Ok(chosen) } else { chosen.with_fuzzy_tanh() }
+    }
+
+    /// The case with the base fuzzy-tanh, identified on the training runs or, with references, on the first of these.
+    ///
+    /// # Errors
+    /// As identification.
+    pub(crate) fn with_fuzzy_tanh(self) -> Result<Self, Error> {
+        let runs = self.reference.get(..1).unwrap_or(&self.estimate);
+        let base = identify_datasets(ModelSpec::FUZZY_TANH, runs, &self.options, &Watch::none())?.model;
+        Ok(Self { base: Some(base), ..self })
     }
 
     /// Diagnoses the case.

@@ -43,7 +43,7 @@ pub fn html(outcome: &DiagnosisOutcome<'_>) -> String {
         (section("What each effect explains", &rounds(result)))
         (section("Refused, and not testable", &reasons(result, outcome.drive)))
         (section("Remaining error", &remaining_error(result)))
-        @if let Some((swept, false)) = words::swept(result) { (section("Beyond the runs", &html! { p { (swept) } })) }
+        @if let Some(range) = words::swept_range(result) { (section("Beyond the runs", &html! { p { (range) } })) }
         @if !result.alignments.is_empty() {
             (section("Alignment with the reference runs", &html! {
                 ul { @for alignment in &result.alignments { li { (words::alignment(alignment)) } } }
@@ -73,7 +73,7 @@ fn summary(result: &DiagnosisResult) -> Markup {
         }
         @if let Some(shift) = words::mean_shift(result) { p { (shift) } }
         @if tells { p.verdict.bad[!proved] { (words::proof(result.test.as_ref())) } }
-        @if let Some((swept, true)) = words::swept(result) { p.verdict.bad { (swept) } }
+        @if let Some(fault) = words::swept_fault(result) { p.verdict.bad { (fault) } }
     }
 }
 

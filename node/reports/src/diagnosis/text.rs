@@ -24,9 +24,9 @@ pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     }
     reasons(&mut text, "Not testable with these runs", result.untestable.iter().map(|r| (r.effect, &r.why)));
     remaining_error(&mut text, result);
-    if let Some((swept, _)) = words::swept(result).filter(|(_, is_fault)| !is_fault) {
+    if let Some(range) = words::swept_range(result) {
         text.push('\n');
-        paragraph(&mut text, 0, &swept);
+        paragraph(&mut text, 0, &range);
     }
     alignments(&mut text, result);
     text
@@ -44,9 +44,7 @@ pub fn short(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     if result.is_augmented() || result.test.is_some() {
         paragraph(&mut text, 0, &words::proof(result.test.as_ref()));
     }
-    if let Some((fault, _)) = words::swept(result).filter(|(_, is_fault)| *is_fault) {
-        paragraph(&mut text, 0, &fault);
-    }
+    words::swept_fault(result).into_iter().for_each(|fault| paragraph(&mut text, 0, &fault));
     if !result.effects.is_empty() {
         text += "\nNamed\n";
         for named in &result.effects {

@@ -1,5 +1,6 @@
 //! Sentences about a diagnosis, shared by terminal and report.
 
+use crate::page::capital;
 use mr_damper_model::diagnose::{
     Alignment, DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal,
     RefusedEffect, Stage, StructureRow, TestResult, Verdict,
@@ -252,16 +253,16 @@ pub fn mean_shift(result: &DiagnosisResult) -> Option<String> {
     ))
 }
 
-/// What the augmented model does over the whole range of its runs, as a sentence, and whether it is a fault. `None` if nothing was added.
-pub fn swept(result: &DiagnosisResult) -> Option<(String, bool)> {
-    let swept = result.swept.as_ref().filter(|_| result.is_augmented())?;
-    let (text, is_fault) = match swept.warning() {
-        Some(warning) => (format!("beyond the runs, {warning}"), true),
-        None => (swept.to_string(), false),
-    };
-    let mut letters = text.chars();
-    let first = letters.next()?.to_uppercase();
-    Some((format!("{first}{}.", letters.as_str()), is_fault))
+/// The fault of the augmented model on sines over the whole range of its runs, as a sentence. `None` without one, or if nothing was added.
+pub fn swept_fault(result: &DiagnosisResult) -> Option<String> {
+    let warning = result.swept.as_ref().filter(|_| result.is_augmented())?.warning()?;
+    Some(format!("Beyond the runs, {warning}."))
+}
+
+/// The range over which the augmented model has no fault, as a sentence. `None` if it has one, or if nothing was added.
+pub fn swept_range(result: &DiagnosisResult) -> Option<String> {
+    let swept = result.swept.as_ref().filter(|swept| result.is_augmented() && swept.faults.is_empty())?;
+    Some(format!("{}.", capital(&swept.to_string())))
 }
 
 /// How a run was placed on its reference.
