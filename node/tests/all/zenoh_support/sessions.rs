@@ -1,14 +1,26 @@
 //! Endpoints of the tests, and Zenoh sessions at them.
 
 use crate::wait::wait_until;
-use std::net::{TcpListener, TcpStream};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use zenoh::{Session, Wait};
 
-/// An endpoint whose port was free a moment ago.
+/// The ports of [`endpoint`]. The system gives those from 32768 on to clients, so one of them could be in use when a router starts again.
+const PORTS: std::ops::Range<u16> = 20_000..30_000;
+
+/// An endpoint whose port was free a moment ago; each has another port.
 pub(crate) fn endpoint() -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
-    let address = listener.local_addr().expect("a bound socket has an address");
-    drop(listener);
+    static TAKEN: AtomicUsize = AtomicUsize::new(0);
+    // Test programs that run at the same time begin at different ports.
+    let first = std::process::id() as usize * 100;
+    let address = loop {
+        let index = (first + TAKEN.fetch_add(1, Ordering::Relaxed)) % PORTS.len();
+        let port = PORTS.start + u16::try_from(index).expect("below the number of ports");
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        if TcpListener::bind(address).is_ok() {
+            break address;
+        }
+    };
     // A process that another test starts holds this socket, too, until its program runs.
     wait_until("nobody listens at the port", || TcpStream::connect(address).is_err());
     format!("tcp/{address}")
