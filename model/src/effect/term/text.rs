@@ -49,8 +49,11 @@ impl Term {
     pub fn equation(&self, drive: &str) -> String {
         let (modulator, argument, _) = self.kind();
         let c = signed(self.amount());
-        let g = curve(self, drive);
         let unit = amount_unit(self, drive);
+        if let Some((power, of)) = self.power() {
+            return format!("F' = F {c} {unit} {power},  {}: {}", symbol(of), of.words());
+        }
+        let g = curve(self, drive);
         let by = match (g.is_empty(), unit.is_empty()) {
             (true, true) => c,
             (true, false) => format!("{c} {unit}"),
@@ -73,6 +76,24 @@ impl Term {
             Modulator::ForcePerVelocity => format!("v' = v {by}"),
         };
         if g.is_empty() { equation } else { format!("{equation},  {q}: {}", argument.words()) }
+    }
+
+    /// A power of displacement or velocity, with its argument, if the term is the amount times this.
+    const fn power(&self) -> Option<(&'static str, Argument)> {
+        use Argument as Q;
+        match self.kind() {
+            (Modulator::Displacement, Q::Displacement, Form::Linear) => Some(("x²", Q::Displacement)),
+            (Modulator::Displacement, Q::DisplacementMagnitude, Form::Linear) => {
+                Some(("|x| x", Q::Displacement))
+            }
+            (Modulator::Displacement, Q::Displacement | Q::DisplacementMagnitude, Form::Quadratic) => {
+                Some(("x³", Q::Displacement))
+            }
+            (Modulator::Velocity, Q::Velocity, Form::Linear) => Some(("v²", Q::Velocity)),
+            (Modulator::Velocity, Q::Speed, Form::Linear) => Some(("|v| v", Q::Velocity)),
+            (Modulator::Velocity, Q::Velocity | Q::Speed, Form::Quadratic) => Some(("v³", Q::Velocity)),
+            _ => None,
+        }
     }
 
     /// A sentence that says what the term does.
@@ -122,7 +143,9 @@ fn place(term: &Term, drive: &str) -> String {
     match form {
         Form::Constant => String::new(),
         Form::Linear => format!(", times the {name}"),
-        Form::Quadratic => format!(", times the square of the {name}"),
+        Form::Quadratic => {
+            format!(", times the square of the {}", name.trim_start_matches("magnitude of the "))
+        }
         Form::Step => format!(" where the {name} is above {}, and stays there", value(0)),
         Form::HingeAbove => format!(", times the part of the {name} above {}", value(0)),
         Form::HingeBelow => format!(", times the part of the {name} below {}", value(0)),
@@ -190,8 +213,17 @@ fn amount_unit(term: &Term, drive: &str) -> String {
     match form.powers_of_argument() {
         0 => curve,
         power => {
-            let power = if power == 2 { "²" } else { "" };
-            let top = if curve.is_empty() { "1".to_owned() } else { curve };
+            let top = if curve.is_empty() { "1" } else { &curve };
+            // N/m by m² is N/m³, and N s/m by (m/s)² is N/(m/s)³.
+            let (top, own) = match (of.as_str(), top.strip_suffix("/m"), top.strip_suffix(" s/m")) {
+                ("m", Some(top), _) | ("(m/s)", _, Some(top)) => (top, 1),
+                _ => (top, 0),
+            };
+            let power = match power + own {
+                3 => "³",
+                2 => "²",
+                _ => "",
+            };
             format!("{top}/{of}{power}")
         }
     }
@@ -254,10 +286,14 @@ impl Argument {
     }
 }
 
-/// Four significant digits.
+/// Four significant digits, from a million on with a power of ten.
 fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
+    }
+    if value.abs() >= 1e6 {
+        let rounded: f64 = format!("{value:.3e}").parse().unwrap_or(value);
+        return format!("{rounded:e}");
     }
     #[allow(clippy::disallowed_methods, reason = "a text for people")]
     let places = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
@@ -296,6 +332,15 @@ mod tests {
         );
         let drag = term(Modulator::SignVelocity, Argument::Speed, Form::Quadratic, 700.0, &[]);
         assert_eq!(drag.equation("A"), "F' = F + 700 N/(m/s)² |v|² sgn v,  |v|: speed");
+        let cubic = (Modulator::Displacement, Argument::DisplacementMagnitude, Form::Quadratic);
+        let hardening = term(cubic.0, cubic.1, cubic.2, 9.9674e7, &[]);
+        assert_eq!(hardening.equation("A"), "F' = F + 9.967e7 N/m³ x³,  x: displacement");
+        assert_eq!(
+            hardening.sentence("A"),
+            "The stiffness is 9.967e7 N/m³ more, times the square of the displacement."
+        );
+        let turbulent = term(Modulator::Velocity, Argument::Speed, Form::Linear, 250.0, &[]);
+        assert_eq!(turbulent.equation("A"), "F' = F + 250 N/(m/s)² |v| v,  v: velocity");
         let thread = term(Modulator::Force, Argument::Displacement, Form::Sine, 0.15, &[-0.015, 0.005]);
         assert_eq!(
             thread.equation("A"),
