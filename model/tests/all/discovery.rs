@@ -6,11 +6,18 @@ use crate::diagnosis::cases::{CaseSpec, Kind};
 use crate::diagnosis::instruments::Instrument;
 use crate::diagnosis::outcome::CONDITIONING;
 use mr_damper_model::diagnose::discover::Claim;
-use mr_damper_model::diagnose::{DiagnosisResult, EffectSet, Runs, Settings, Verdict, close};
+use mr_damper_model::diagnose::{
+    DiagnosisResult, EffectSet, Refusal, Runs, Settings, Thresholds, Verdict, close,
+};
 use mr_damper_model::effect::term::{Argument, Form, Modulator};
-use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
+use mr_damper_model::force::{ForceLaw, Form as LawForm};
+use mr_damper_model::identify::{
+    Dataset, DatasetOptions, ModelSpec, Options, Structure, Watch, identify_datasets,
+};
 use mr_damper_model::model_file::{ModelFile, Provenance};
-use mr_damper_model::sample::Run;
+use mr_damper_model::sample::{Run, Stamp, Trace};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
 
 /// The diagnosis of a case with the effect `truth`, with or without a run of the healthy damper.
 fn diagnose(truth: &[(&'static str, f64)], with_healthy: bool, settings: &Settings) -> DiagnosisResult {
@@ -59,6 +66,101 @@ fn a_sudden_loss_of_force_is_found_and_added() {
     let file = ModelFile { model: found.after, provenance: Provenance::default() };
     let read = ModelFile::from_toml(&file.to_toml().expect("writes")).expect("reads");
     assert_eq!(read.model.effects, found.after.effects);
+}
+
+/// A run of an oscillator with the force `spring_n` beside that of a linear spring, from its exact motion: twelve sines with frequencies and
+/// phases of this seed.
+///
+/// ```text
+/// F = m a + c v + k x + spring(x)
+/// ```
+fn oscillator(seed: u64, spring_n: fn(f64) -> f64) -> Run {
+    let (mass_kg, damping_n_s_m, stiffness_n_m) = (1.5, 150.0, 1.2e4);
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let sines: Vec<[f64; 3]> = (0..12_u32)
+        .map(|j| {
+            let (j, turn) = (f64::from(j), 2.0 * std::f64::consts::PI);
+            [
+                0.012 / (1.0 + j),
+                turn * (0.4 + 0.9 * j + 0.3 * random.random::<f64>()),
+                turn * random.random::<f64>(),
+            ]
+        })
+        .collect();
+    let (mut displacement_m, mut force_n) = (Trace::default(), Trace::default());
+    for k in 0..30 * 512_u32 {
+        let time_s = f64::from(k) / 512.0;
+        let [mut x, mut v, mut a] = [0.0; 3];
+        for [amplitude, omega, phase] in &sines {
+            let (sin, cos) = (omega * time_s + phase).sin_cos();
+            x += amplitude * sin;
+            v += amplitude * omega * cos;
+            a -= amplitude * omega * omega * sin;
+        }
+        let stamp = Stamp::from_nanos((time_s * 1e9).round() as i64);
+        let noise_n = 3.0 * (random.random::<f64>() - 0.5);
+        displacement_m.stamps.push(stamp);
+        displacement_m.values.push(x);
+        force_n.stamps.push(stamp);
+        force_n.values.push(mass_kg * a + damping_n_s_m * v + stiffness_n_m * x + spring_n(x) + noise_n);
+    }
+    Run { name: format!("oscillator {seed}"), displacement_m, force_n: Some(force_n), ..Run::default() }
+}
+
+/// The diagnosis of the oscillator with this spring; the base is the linear model.
+fn diagnose_oscillator(seed: u64, spring_n: fn(f64) -> f64, thresholds: Thresholds) -> DiagnosisResult {
+    let rows = |seed| {
+        let run = oscillator(seed, spring_n);
+        [Dataset::from_run(&run, &CONDITIONING, &DatasetOptions::default()).expect("rows")]
+    };
+    let [estimate, confirm, test] = [seed, seed + 1, seed + 2].map(rows);
+    let options = Options { conditioning: CONDITIONING, choose_velocity: false, ..Options::default() };
+    let spec = ModelSpec::new(Structure::Law(ForceLaw::Linear), LawForm::Passive).expect("a passive law");
+    let base = identify_datasets(spec, &estimate, &options, &Watch::none()).expect("a base").model;
+    let runs = Runs { estimate: &estimate, confirm: &confirm, test: &test, ..Runs::default() };
+    let settings = Settings { thresholds, ..Settings::default() };
+    close(&base, &runs, &settings, &Watch::none(), &|_| {}).expect("a result")
+}
+
+fn names(found: &DiagnosisResult) -> Vec<&'static str> {
+    found.effects.iter().map(|named| named.effect.effect().id()).collect()
+}
+
+/// The end of the equation and the amount of the only term of `found`, which has inertia as its only effect of the library.
+fn spring_beside_inertia(found: &DiagnosisResult) -> (String, f64) {
+    assert_eq!(names(found), ["inertia"], "{:?}", found.discovery);
+    let [term] = &found.discovery.terms[..] else { panic!("{:?}", found.discovery) };
+    let equation = term.term.equation("A");
+    (equation.rsplit_once(" N/").expect("a force").1.to_owned(), term.term.amount())
+}
+
+#[test]
+fn a_cubic_spring_is_found_with_its_sign() {
+    let hardening = diagnose_oscillator(60, |x| 3e7 * x.powi(3), Thresholds::default());
+    let softening = diagnose_oscillator(50, |x| -1.2e7 * x.powi(3), Thresholds::default());
+    for (found, cubic_n_m3) in [(hardening, 3e7), (softening, -1.2e7)] {
+        let (equation, amount) = spring_beside_inertia(&found);
+        assert_eq!(equation, "m³ x³,  x: displacement");
+        assert!((amount / cubic_n_m3 - 1.0).abs() < 0.01, "{amount}");
+    }
+}
+
+#[test]
+fn a_term_takes_the_place_of_the_effect_that_it_resembles() {
+    let cubic: (u64, fn(f64) -> f64) = (50, |x| 3e7 * x.powi(3));
+    let square: (u64, fn(f64) -> f64) = (70, |x| 2e5 * x.abs() * x);
+    for ((seed, spring_n), of_spring) in [(cubic, ("m³ x³", 3e7)), (square, ("m² |x| x", 2e5))] {
+        // No term leaves nothing of the error that an effect leaves, so the nearest name of the library stands.
+        let library = Thresholds { term_surpasses: 1.0, ..Thresholds::default() };
+        let library = diagnose_oscillator(seed, spring_n, library);
+        assert!(names(&library).contains(&"end_stop"), "{:?}", library.discovery);
+        let found = diagnose_oscillator(seed, spring_n, Thresholds::default());
+        let (equation, amount) = spring_beside_inertia(&found);
+        assert_eq!(equation, format!("{},  x: displacement", of_spring.0));
+        assert!((amount / of_spring.1 - 1.0).abs() < 0.01, "{amount}");
+        let why = found.refused.iter().find(|refused| refused.effect.id() == "end_stop");
+        assert_eq!(why.map(|refused| &refused.why), Some(&Refusal::TakenOverByTerm));
+    }
 }
 
 #[test]

@@ -9,6 +9,7 @@
 //! accept          gains on blocks of both sides, each fitted on the other, signs flipped, against the best of all pairs: p <= 0.01,
 //!                 and at least 5 % less squared error on the validation runs
 //! claim           effect, or structure that the base lacks, or one of the two                             ([`claim`])
+//! instead         a term in place of a named effect of the library, if it does without others             ([`instead`])
 //! hum             a sine in the measured force that is left; it is said, and not added                    ([`hum`])
 //! ```
 //!
@@ -27,6 +28,7 @@ mod claim;
 mod curve;
 mod hum;
 mod hypotheses;
+mod instead;
 mod nuisance;
 mod resonance;
 mod screen;
@@ -193,6 +195,7 @@ pub(super) fn extend(
     let [train, confirm] = [runs.estimate, runs.confirm].map(selected);
     let search = Search {
         beyond_structure: true,
+        base_squares: test_runs::fitted(&confirm, &result.before.augmented())?.squares,
         train: &train,
         confirm: &confirm,
         runs,
@@ -205,13 +208,18 @@ pub(super) fn extend(
             watch,
         },
     };
-    let start = result.after.augmented();
+    let noise_n = result.noise_floor.rsse_n;
     // Where the library has explained the error, what is left is a detail of the structure, or an effect that no structure contains.
     // The verdict is not asked: it depends on the test runs.
     let only_beyond = !result.effects.is_empty() && result.remaining.share <= settings.thresholds.little_left;
-    let found = search.run(&start, result.noise_floor.rsse_n, only_beyond, stage)?;
-    let mut result = match found {
-        Some(found) => search.conclude(result, found)?,
+    let most = settings.most_terms.min(MAX_TERMS - result.before.effects.terms().iter().count());
+    let mut result = match Fitted::as_is(result.after.augmented(), &train) {
+        Some(library) => {
+            let found = search.run(Found::begin(library), noise_n, Limits { only_beyond, most }, stage)?;
+            let found = search.prune(found, &result.before.effects)?;
+            let found = instead::instead(&search, found, &result, most, stage)?;
+            search.conclude(result, found)?
+        }
         None => result,
     };
     result.discovery.hum = hum::find(&search, &result.after.augmented());
@@ -231,6 +239,8 @@ fn selected(datasets: &[Dataset]) -> Rows<'_> {
 struct Search<'a> {
     /// The space of structures is projected off.
     beyond_structure: bool,
+    /// Squared error of the base on the validation runs, N².
+    base_squares: f64,
     train: &'a Rows<'a>,
     confirm: &'a Rows<'a>,
     runs: &'a Runs<'a>,
@@ -260,6 +270,15 @@ impl Pass {
     ];
 }
 
+/// The limits of a search.
+#[derive(Debug, Clone, Copy)]
+struct Limits {
+    /// Only what no structure of a damper contains is searched.
+    only_beyond: bool,
+    /// Largest number of terms to discover.
+    most: usize,
+}
+
 /// The screen of a model. It serves every pass over the same model that leaves out the same space.
 struct Screened<'a> {
     beyond_structure: bool,
@@ -281,6 +300,7 @@ impl BothBlocks {
 }
 
 /// A model with the terms found.
+#[derive(Clone)]
 struct Found {
     fitted: Fitted,
     discovery: Discovery,
@@ -288,61 +308,61 @@ struct Found {
     beyond: Vec<bool>,
 }
 
+impl Found {
+    /// A model before the first term.
+    fn begin(fitted: Fitted) -> Self {
+        Self { fitted, discovery: Discovery::default(), beyond: Vec::new() }
+    }
+}
+
 impl<'a> Search<'a> {
-    /// The rounds. `None` if `start` cannot be simulated on the runs.
+    /// The rounds, which add terms to `found`.
     fn run(
         &self,
-        start: &Augmented,
+        mut found: Found,
         noise_n: f64,
-        only_beyond: bool,
+        limits: Limits,
         stage: &dyn Fn(Stage),
-    ) -> Result<Option<Found>, Error> {
-        let Some(mut fitted) = Fitted::as_is(*start, self.train) else { return Ok(None) };
-        let (mut discovery, mut beyond) = (Discovery::default(), Vec::new());
+    ) -> Result<Found, Error> {
         let noise = noise_n * noise_n * self.confirm.len() as f64;
         let blocks = self.blocks();
         let healthy_rows = selected(self.runs.healthy);
         let passes: &[Pass] =
             if self.runs.healthy.is_empty() { &Pass::WITHOUT_HEALTHY } else { &Pass::WITH_HEALTHY };
-        let mut passes = passes.iter().filter(|pass| pass.beyond_structure || !only_beyond).peekable();
-        let most = self.settings.most_terms.min(MAX_TERMS - start.effects().terms().iter().count());
-        if most == 0 {
-            return Ok(None);
-        }
+        let mut passes = passes.iter().filter(|pass| pass.beyond_structure || !limits.only_beyond).peekable();
+        let Found { fitted, discovery, beyond } = &mut found;
         let mut screened = None;
-        while let Some(&&Pass { beyond_structure, structure_too }) = passes.peek() {
+        while let Some(&&Pass { beyond_structure, structure_too }) = passes.peek()
+            && discovery.terms.len() < limits.most
+        {
             let search = Search { beyond_structure, ..*self };
-            let number = discovery.terms.len() + 1;
-            stage(Stage::Terms(number));
+            stage(Stage::Terms(discovery.terms.len() + 1));
             let kept = screened.take().filter(|kept: &Screened| kept.beyond_structure == beyond_structure);
             let here = match kept {
                 Some(kept) => kept,
-                None => match search.screen(&fitted, &healthy_rows, &blocks)? {
+                None => match search.screen(fitted, &healthy_rows, &blocks)? {
                     Some(here) => here,
                     None => break,
                 },
             };
-            if 1.0 - noise / here.sides.confirm.raw_squares() < self.settings.thresholds.nothing_left {
+            let (left, thresholds) = (here.sides.confirm.raw_squares(), &self.settings.thresholds);
+            if 1.0 - noise / left < thresholds.nothing_left
+                || left - noise < thresholds.least_of_base * (self.base_squares - noise)
+            {
                 break;
             }
             let shown = |pair: &&Pair| {
-                structure_too
-                    || pair
-                        .on_healthy
-                        .is_none_or(|ratio| ratio < self.settings.thresholds.structure_on_healthy)
+                structure_too || pair.on_healthy.is_none_or(|ratio| ratio < thresholds.structure_on_healthy)
             };
             let pairs: Vec<&Pair> = here.pairs.iter().filter(shown).collect();
             let known = here.healthy.as_ref().and_then(Healthy::structure);
-            match settle::settle(&search, &fitted, &here.sides, known, &pairs, &blocks)? {
+            match settle::settle(&search, fitted, &here.sides, known, &pairs, &blocks)? {
                 Ok(Settled { fitted: next, term, class, p, confirmed }) => {
-                    let claim = claim::claim(here.healthy.as_ref(), &term, &self.settings.thresholds);
+                    let claim = claim::claim(here.healthy.as_ref(), &term, thresholds);
                     let (ci95, curve) = (Vec::new(), Vec::new());
                     discovery.terms.push(FoundTerm { term, claim, class, p, confirmed, ci95, curve });
                     beyond.push(beyond_structure);
-                    fitted = next;
-                    if number == most {
-                        break;
-                    }
+                    *fitted = next;
                 }
                 Err(refused) => {
                     discovery.refused = refused;
@@ -351,7 +371,7 @@ impl<'a> Search<'a> {
                 }
             }
         }
-        Ok(Some(Found { fitted, discovery, beyond }))
+        Ok(found)
     }
 
     /// The blocks of both sides.
@@ -406,11 +426,10 @@ impl<'a> Search<'a> {
         }
         let of_base = result.before.effects;
         let own = of_base.terms().iter().count();
-        let pruned = self.prune(fitted, &of_base)?;
         let [train, confirm, test] = [self.runs.estimate, self.runs.confirm, self.runs.test]
             .map(|runs| Rows::new(runs, self.settings.most_rows));
         let joint = Joint { rows: &train, ..self.joint };
-        let fitted = self.complete(&joint, &pruned)?;
+        let fitted = self.complete(&joint, &fitted)?;
         let intervals = Intervals::new(&joint, &fitted, self.settings.training_block_s(), Contents::All)?;
         for (index, (found, term)) in
             discovery.terms.iter_mut().zip(fitted.model.effects().terms().iter().skip(own)).enumerate()
@@ -455,28 +474,31 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Removes effects of the library whose part the terms have taken over; not those that the base had already.
-    fn prune(&self, mut fitted: Fitted, of_base: &Effects) -> Result<Fitted, Error> {
+    /// Removes effects of the library whose part the terms of `found` have taken over; not those that the base had already.
+    fn prune(&self, mut found: Found, of_base: &Effects) -> Result<Found, Error> {
+        if found.discovery.terms.is_empty() {
+            return Ok(found);
+        }
         let squares = |model: &Augmented| -> f64 {
             Fitted::as_is(*model, self.confirm).map_or(f64::INFINITY, |fitted| fitted.squares)
         };
         let mut index = 0;
-        while let Some(effect) = fitted.model.effects().as_slice().get(index) {
+        while let Some(effect) = found.fitted.model.effects().as_slice().get(index) {
             let is_in_base = of_base.as_slice().iter().any(|own| own.effect() == effect.effect());
             let without = match is_in_base {
                 true => None,
-                false => self.joint.refit(&without_effect(&fitted.model, index)?, REFIT)?,
+                false => self.joint.refit(&without_effect(&found.fitted.model, index)?, REFIT)?,
             };
             let needless = |without: &Fitted| {
                 squares(&without.model)
-                    <= (1.0 + self.settings.thresholds.least_confirmed) * squares(&fitted.model)
+                    <= (1.0 + self.settings.thresholds.least_confirmed) * squares(&found.fitted.model)
             };
             match without.filter(needless) {
-                Some(without) => fitted = without,
+                Some(without) => found.fitted = without,
                 None => index += 1,
             }
         }
-        Ok(fitted)
+        Ok(found)
     }
 
     /// `found` fitted on all rows of `joint`, if that fits the validation runs as well.

@@ -1,0 +1,96 @@
+//! A term in place of an effect of the library.
+//!
+//! ```text
+//! effect      the effects of the library
+//! beside      the same with the terms that were found beside them
+//! instead     one of the effects taken out, the model refitted, and the terms that are found without it
+//! e           squared error on the validation runs
+//! taken       e(instead, one term) <= (1 - term_surpasses) e(effect)
+//!             e(instead) <= (1 + least_confirmed) e(beside), with no more effects and terms
+//!             and e with the space of structures projected off grows by no more than least_confirmed
+//! ```
+//!
+//! The library names the nearest of its effects, also for a damper whose effect it does not have: a cubic spring looks like an end stop. Such a
+//! name leaves an error, and the terms that are found beside it describe the difference between the two. One term in place of the name leaves
+//! much less. The library is preferred otherwise: beside a base that is not of the damper's structure, a term can describe an effect and a part
+//! of the structure at once, and fit a little better than the effect. A term that only describes structure cannot do what an effect does beyond
+//! all structures.
+
+use super::nuisance::Sides;
+use super::{Claim, Found, FoundTerm, Limits, Search, Stage};
+use crate::diagnose::DiagnosisResult;
+use crate::diagnose::joint::Fitted;
+use crate::diagnose::space::without_effect;
+use crate::effect::EffectModel;
+use crate::error::Error;
+
+/// Evaluations of the refit without an effect.
+const REFIT: usize = 30;
+
+/// Number of effects and terms of a model.
+fn parts(fitted: &Fitted) -> usize {
+    let effects = fitted.model.effects();
+    effects.as_slice().len() + effects.terms().iter().count()
+}
+
+/// True if the squared error of `fitted` on the validation runs is at most `share` of that of `other`, and no larger with the space of structures
+/// projected off. False for a model that cannot be simulated on them.
+fn is_below(search: &Search, fitted: &Fitted, other: &Fitted, share: f64) -> Result<bool, Error> {
+    let [own, others] = [fitted, other].map(|fitted| Fitted::as_is(fitted.model, search.confirm));
+    let (Some(own), Some(others)) = (own, others) else { return Ok(false) };
+    if own.squares > share * others.squares {
+        return Ok(false);
+    }
+    let search = Search { beyond_structure: true, ..*search };
+    let (Some(own), Some(others)) = (Sides::new(&search, fitted, None)?, Sides::new(&search, other, None)?)
+    else {
+        return Ok(false);
+    };
+    let most = 1.0 + search.settings.thresholds.least_confirmed;
+    Ok(own.confirm.squares() <= most * others.confirm.squares())
+}
+
+/// `found`, or what is found with at most `most` terms if named effects of `result` are taken out.
+pub(super) fn instead(
+    search: &Search,
+    found: Found,
+    result: &DiagnosisResult,
+    most: usize,
+    stage: &dyn Fn(Stage),
+) -> Result<Found, Error> {
+    let thresholds = &search.settings.thresholds;
+    let Some(library) = Fitted::as_is(result.after.augmented(), search.train) else { return Ok(found) };
+    // The effects of the library that stand so far, and the terms in place of the others.
+    let mut library = Found::begin(library);
+    let mut best = found;
+    for named in &result.effects {
+        let is_it = |other: &EffectModel| other.effect() == named.effect.effect();
+        let model = &library.fitted.model;
+        let Some(index) = model.effects().as_slice().iter().position(is_it) else { continue };
+        let Some(fitted) = search.joint.refit(&without_effect(model, index)?, REFIT)? else { continue };
+        let first = library.discovery.terms.len() + 1;
+        let mut other = Found { fitted, ..library.clone() };
+        for count in first..=most {
+            let limits = Limits { only_beyond: false, most: count };
+            other = search.run(other, result.noise_floor.rsse_n, limits, stage)?;
+            other = search.prune(other, &result.before.effects)?;
+            let is_structure = |term: &FoundTerm| matches!(term.claim, Claim::Structure { .. });
+            if other.discovery.terms.len() < count
+                || other.discovery.terms.iter().any(is_structure)
+                || parts(&other.fitted) > parts(&best.fitted)
+            {
+                break;
+            }
+            let surpasses = 1.0 - thresholds.term_surpasses;
+            if count == first && !is_below(search, &other.fitted, &library.fitted, surpasses)? {
+                break;
+            }
+            if is_below(search, &other.fitted, &best.fitted, 1.0 + thresholds.least_confirmed)? {
+                best = other.clone();
+                library = other;
+                break;
+            }
+        }
+    }
+    Ok(best)
+}
