@@ -9,7 +9,7 @@
 //! accept          gains on blocks of both sides, each fitted on the other, signs flipped, against the best of all pairs: p <= 0.01,
 //!                 and at least 5 % less squared error on the validation runs
 //! claim           effect, or structure that the base lacks, or one of the two                             ([`claim`])
-//! instead         a term in place of a named effect of the library, if it does without others             ([`instead`])
+//! instead         a term in place of a named effect of the library that fits much worse                  ([`instead`])
 //! hum             a sine in the measured force that is left; it is said, and not added                    ([`hum`])
 //! ```
 //!
