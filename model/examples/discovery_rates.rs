@@ -18,7 +18,7 @@ mod diagnosis;
 
 use diagnosis::cases::{CaseSpec, Kind, OUTSIDE, Valve};
 use diagnosis::instruments::Instrument;
-use diagnosis::outcome::{Instrumentation, Prepared};
+use diagnosis::outcome::{Instrumentation, Prepared, names};
 use diagnosis::rates::Rate;
 use mr_damper_model::Error;
 use mr_damper_model::diagnose::discover::{Claim, FoundTerm};
@@ -145,7 +145,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             for seed in given.first..given.first + given.seeds {
                 let result = diagnose(&spec, seed, &given)?;
                 let terms = &result.discovery.terms;
-                let ids: Vec<_> = result.effects.iter().map(|named| named.effect.effect().id()).collect();
+                let ids = names(&result);
                 let hum = result.discovery.hum;
                 let first = terms.iter().find(|found| !matches!(found.claim, Claim::Structure { .. }));
                 let is_right = match *id {

@@ -21,6 +21,11 @@ pub const M_PER_IN: f64 = 0.0254;
 /// N/m in one lbf/in, and N·s/m in one lbf·s/in.
 pub const N_M_PER_LBF_IN: f64 = N_PER_LBF / M_PER_IN;
 
+/// `value` to so many significant digits, for a text.
+pub(crate) fn rounded(value: f64, digits: usize) -> f64 {
+    format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
+}
+
 /// Suffixes of names of numbers with their units. The longest fitting suffix counts, so these are ordered by length.
 const UNITS: [(&str, &str); 17] = [
     ("_n_s_m", "N s/m"),

@@ -169,7 +169,7 @@ impl<'a> Procedure<'a> {
 
     /// True if the base already has `effect`: it is kept and not reported as found.
     fn is_in_base(&self, effect: Effect) -> bool {
-        self.base.effects.as_slice().iter().any(|own| own.effect() == effect)
+        self.base.effects.position(effect).is_some()
     }
 
     /// The effects of `model` that the base does not have.
@@ -397,9 +397,8 @@ impl<'a> Procedure<'a> {
     /// velocity scale of its own.
     fn refine(&self, mut current: Fitted, noise: f64) -> Result<Fitted, Error> {
         for plain in Effect::ALL.into_iter().filter(|effect| effect.refined().is_some()) {
-            let effects = current.model.effects().as_slice();
-            let Some(index) = effects.iter().position(|e| e.effect() == plain) else { continue };
-            let Some(refined) = effects[index].refined() else { continue };
+            let Some(index) = current.model.effects().position(plain) else { continue };
+            let Some(refined) = current.model.effects().as_slice()[index].refined() else { continue };
             let start = with_effect(&without_effect(&current.model, index)?, refined)?;
             let Some(refined) = self.joint().refit(&start, FINAL)? else { continue };
             let share = (current.squares - refined.squares) / (current.squares - noise);
@@ -440,8 +439,7 @@ impl<'a> Procedure<'a> {
         }
         let named: Vec<Effect> = self.findings(&current.model).map(|effect| effect.effect()).collect();
         for effect in named {
-            let is_it = |other: &EffectModel| other.effect() == effect;
-            let Some(index) = current.model.effects().as_slice().iter().position(is_it) else { continue };
+            let Some(index) = current.model.effects().position(effect) else { continue };
             let Some(without) = results.without[index].clone() else { continue };
             if results.starts.iter().any(|start| without.model.effects().ids().eq(start.iter().copied())) {
                 continue;

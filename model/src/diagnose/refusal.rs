@@ -3,6 +3,7 @@
 //! Serialised, a reason is an object with its fields and a stable `code`, the name of the variant in snake case.
 
 use crate::error::Error;
+use crate::units::rounded;
 use serde::Serialize;
 
 /// Why an effect was not named. As text it is a clause that can follow a colon.
@@ -216,7 +217,7 @@ pub enum Refusal {
 
 /// `value` to five significant digits, without trailing zeros. Numbers that would need many zeros are written as powers of ten.
 fn five_digits(value: f64) -> String {
-    let rounded: f64 = format!("{value:.4e}").parse().unwrap_or(value);
+    let rounded = rounded(value, 5);
     if rounded == 0.0 || !rounded.is_finite() || (1e-3..1e5).contains(&rounded.abs()) {
         rounded.to_string()
     } else {

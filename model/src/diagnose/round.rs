@@ -183,7 +183,7 @@ impl Round<'_> {
             return Ok(Err(Refusal::EnergyContradicts { effect_j, residual_j }));
         }
         let effects = fitted.model.effects().as_slice();
-        let Some(index) = effects.iter().position(|e| e.effect() == effect) else {
+        let Some(index) = fitted.model.effects().position(effect) else {
             return Ok(Err(Refusal::Diverges));
         };
         for found in self.intervals(&fitted, Contents::All)?.of(index) {
@@ -256,7 +256,7 @@ impl Round<'_> {
         };
         for other in refits.iter().filter(|other| other.drop >= thresholds.same_class * best.drop) {
             let effects = other.fitted.model.effects().as_slice();
-            let Some(index) = effects.iter().position(|e| e.effect() == other.score.effect) else { continue };
+            let Some(index) = other.fitted.model.effects().position(other.score.effect) else { continue };
             let found = self.intervals(&other.fitted, Contents::Chance)?.of(index);
             let implausible =
                 found.iter().any(|found| implausible(&effects[index], found, &self.joint).is_some());

@@ -204,7 +204,7 @@ thresholds! {
     term_least_raw_share = 0.02, Terms, Value, "as least_confirmed";
     /// Terms whose squared error on the validation runs is within this share of the least one are alike.
     term_alike = 0.03, Terms, Value, "chosen";
-    /// Least share of the squared error that an effect of the library leaves on the validation runs by which a term in its place leaves less.
+    /// A term takes the place of an effect of the library if it removes at least this share of the squared error that the effect leaves on the validation runs.
     term_surpasses = 0.5, Terms, Value,
         "measured: an end stop and a friction that were there lost their names at 0.1 and without this condition";
     /// Closed forms of a pair whose scores are within this share of the best one are alike.

@@ -356,6 +356,11 @@ impl Effects {
         &self.list[..self.len]
     }
 
+    /// The place of `effect` in the order of application; `None` if it is not one of them.
+    pub(crate) fn position(&self, effect: Effect) -> Option<usize> {
+        self.as_slice().iter().position(|own| own.effect() == effect)
+    }
+
     /// Their ids, in order of application.
     pub(crate) fn ids(&self) -> impl Iterator<Item = &'static str> {
         self.as_slice().iter().map(|effect| effect.effect().id())

@@ -1,6 +1,7 @@
 //! Paired mode on a machine that repeats one motion: runs that begin at another crank angle, with another zero of the displacement, another
 //! mean force, and another temperature than their reference.
 
+use crate::diagnosis::outcome::names;
 use mr_damper_model::Error;
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::diagnose::{DiagnosisResult, FloorSource, Runs, Settings, Verdict, close};
@@ -30,10 +31,6 @@ fn since_healthy(plant: &Plant, channels: &Channels) -> Result<DiagnosisResult, 
     let [estimate, confirm] = [3, 4].map(|seed| [rows(plant, channels, seed, 6, 0.0019)]);
     let runs = Runs { estimate: &estimate, confirm: &confirm, reference: &*HEALTHY, ..Runs::default() };
     close(&base, &runs, &Settings::default(), &Watch::none(), &|_| {})
-}
-
-fn names(found: &DiagnosisResult) -> Vec<&'static str> {
-    found.effects.iter().map(|named| named.effect.effect().id()).collect()
 }
 
 #[test]

@@ -4,7 +4,7 @@
 
 use crate::diagnosis::cases::{CaseSpec, Kind};
 use crate::diagnosis::instruments::Instrument;
-use crate::diagnosis::outcome::CONDITIONING;
+use crate::diagnosis::outcome::{CONDITIONING, names};
 use mr_damper_model::diagnose::discover::Claim;
 use mr_damper_model::diagnose::{
     DiagnosisResult, EffectSet, Refusal, Runs, Settings, Thresholds, Verdict, close,
@@ -19,14 +19,15 @@ use mr_damper_model::sample::{Run, Stamp, Trace};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+fn rows(runs: &[Run]) -> Vec<Dataset> {
+    let one = |run| Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default()).expect("rows");
+    runs.iter().map(one).collect()
+}
+
 /// The diagnosis of a case with the effect `truth`, with or without a run of the healthy damper.
 fn diagnose(truth: &[(&'static str, f64)], with_healthy: bool, settings: &Settings) -> DiagnosisResult {
     let spec =
         CaseSpec { kind: Kind::Outside, truth: truth.to_vec(), share: 1.0, instrument: Instrument::Fine };
-    let rows = |runs: &[Run]| -> Vec<Dataset> {
-        let one = |run| Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default()).expect("rows");
-        runs.iter().map(one).collect()
-    };
     let case = spec.case(52).expect("a case");
     let (estimate, confirm, test) = (rows(&case.estimate), rows(&case.confirm), rows(&case.test));
     let healthy = if with_healthy { rows(&spec.healthy(152).expect("a case").estimate) } else { Vec::new() };
@@ -68,8 +69,8 @@ fn a_sudden_loss_of_force_is_found_and_added() {
     assert_eq!(read.model.effects, found.after.effects);
 }
 
-/// A run of an oscillator with the force `spring_n` beside that of a linear spring, from its exact motion: twelve sines with frequencies and
-/// phases of this seed.
+/// A run of an oscillator with the force `spring_n` beside a linear spring, from its exact motion: twelve sines with frequencies and phases of
+/// this seed.
 ///
 /// ```text
 /// F = m a + c v + k x + spring(x)
@@ -109,21 +110,14 @@ fn oscillator(seed: u64, spring_n: fn(f64) -> f64) -> Run {
 
 /// The diagnosis of the oscillator with this spring; the base is the linear model.
 fn diagnose_oscillator(seed: u64, spring_n: fn(f64) -> f64, thresholds: Thresholds) -> DiagnosisResult {
-    let rows = |seed| {
-        let run = oscillator(seed, spring_n);
-        [Dataset::from_run(&run, &CONDITIONING, &DatasetOptions::default()).expect("rows")]
-    };
-    let [estimate, confirm, test] = [seed, seed + 1, seed + 2].map(rows);
+    let [estimate, confirm, test] =
+        [seed, seed + 1, seed + 2].map(|seed| rows(&[oscillator(seed, spring_n)]));
     let options = Options { conditioning: CONDITIONING, choose_velocity: false, ..Options::default() };
     let spec = ModelSpec::new(Structure::Law(ForceLaw::Linear), LawForm::Passive).expect("a passive law");
     let base = identify_datasets(spec, &estimate, &options, &Watch::none()).expect("a base").model;
     let runs = Runs { estimate: &estimate, confirm: &confirm, test: &test, ..Runs::default() };
     let settings = Settings { thresholds, ..Settings::default() };
     close(&base, &runs, &settings, &Watch::none(), &|_| {}).expect("a result")
-}
-
-fn names(found: &DiagnosisResult) -> Vec<&'static str> {
-    found.effects.iter().map(|named| named.effect.effect().id()).collect()
 }
 
 /// The end of the equation and the amount of the only term of `found`, which has inertia as its only effect of the library.

@@ -10,8 +10,8 @@
 //!             and e with the space of structures projected off grows by no more than least_confirmed
 //! ```
 //!
-//! The library names the nearest of its effects, also for a damper whose effect it does not have: a cubic spring looks like an end stop. Such a
-//! name leaves an error, and the terms that are found beside it describe the difference between the two. One term in place of the name leaves
+//! The library names the nearest of its effects, also for a damper whose effect it does not have: a cubic spring looks like an end stop. A
+//! name of this kind leaves an error, and the terms that are found beside it describe the difference. One term in place of the name leaves
 //! much less. The library is preferred otherwise: beside a base that is not of the damper's structure, a term can describe an effect and a part
 //! of the structure at once, and fit a little better than the effect. A term that only describes structure cannot do what an effect does beyond
 //! all structures.
@@ -21,7 +21,6 @@ use super::{Claim, Found, FoundTerm, Limits, Search, Stage};
 use crate::diagnose::DiagnosisResult;
 use crate::diagnose::joint::Fitted;
 use crate::diagnose::space::without_effect;
-use crate::effect::EffectModel;
 use crate::error::Error;
 
 /// Evaluations of the refit without an effect.
@@ -33,12 +32,10 @@ fn parts(fitted: &Fitted) -> usize {
     effects.as_slice().len() + effects.terms().iter().count()
 }
 
-/// True if the squared error of `fitted` on the validation runs is at most `share` of that of `other`, and no larger with the space of structures
+/// True if `fitted` leaves at most `share` of the squared error of `other` on the validation runs, and no more with the space of structures
 /// projected off. False for a model that cannot be simulated on them.
 fn is_below(search: &Search, fitted: &Fitted, other: &Fitted, share: f64) -> Result<bool, Error> {
-    let [own, others] = [fitted, other].map(|fitted| Fitted::as_is(fitted.model, search.confirm));
-    let (Some(own), Some(others)) = (own, others) else { return Ok(false) };
-    if own.squares > share * others.squares {
+    if search.confirm_squares(fitted) > share * search.confirm_squares(other) {
         return Ok(false);
     }
     let search = Search { beyond_structure: true, ..*search };
@@ -50,29 +47,30 @@ fn is_below(search: &Search, fitted: &Fitted, other: &Fitted, share: f64) -> Res
     Ok(own.confirm.squares() <= most * others.confirm.squares())
 }
 
-/// `found`, or what is found with at most `most` terms if named effects of `result` are taken out.
+/// `beside`, which is `library` with the terms found, or what is found with at most `most` terms if named effects of `result` are taken out.
 pub(super) fn instead(
     search: &Search,
-    found: Found,
+    mut library: Found,
+    beside: Found,
     result: &DiagnosisResult,
     most: usize,
     stage: &dyn Fn(Stage),
 ) -> Result<Found, Error> {
     let thresholds = &search.settings.thresholds;
-    let Some(library) = Fitted::as_is(result.after.augmented(), search.train) else { return Ok(found) };
-    // The effects of the library that stand so far, and the terms in place of the others.
-    let mut library = Found::begin(library);
-    let mut best = found;
+    let mut best = beside;
+    // `library` has the effects that stand so far, and the terms in place of the others.
     for named in &result.effects {
-        let is_it = |other: &EffectModel| other.effect() == named.effect.effect();
-        let model = &library.fitted.model;
-        let Some(index) = model.effects().as_slice().iter().position(is_it) else { continue };
-        let Some(fitted) = search.joint.refit(&without_effect(model, index)?, REFIT)? else { continue };
         let first = library.discovery.terms.len() + 1;
+        if first > most {
+            break;
+        }
+        let model = &library.fitted.model;
+        let Some(index) = model.effects().position(named.effect.effect()) else { continue };
+        let Some(fitted) = search.joint.refit(&without_effect(model, index)?, REFIT)? else { continue };
         let mut other = Found { fitted, ..library.clone() };
         for count in first..=most {
             let limits = Limits { only_beyond: false, most: count };
-            other = search.run(other, result.noise_floor.rsse_n, limits, stage)?;
+            other = search.run(other, limits, stage)?;
             other = search.prune(other, &result.before.effects)?;
             let is_structure = |term: &FoundTerm| matches!(term.claim, Claim::Structure { .. });
             if other.discovery.terms.len() < count

@@ -51,7 +51,7 @@ use super::rows::Rows;
 use super::space::without_effect;
 use super::{DiagnosisMode, DiagnosisResult, Runs, Settings, Stage, Verdict, test_runs};
 use crate::effect::term::{Argument, MAX_TERMS, Modulator, Term, Terms};
-use crate::effect::{Augmented, EffectModel, Effects};
+use crate::effect::{Augmented, Effects};
 use crate::error::Error;
 use crate::identify::{Dataset, Scales, Watch};
 use claim::Healthy;
@@ -195,6 +195,7 @@ pub(super) fn extend(
     let [train, confirm] = [runs.estimate, runs.confirm].map(selected);
     let search = Search {
         beyond_structure: true,
+        noise: result.noise_floor.rsse_n.powi(2) * confirm.len() as f64,
         base_squares: test_runs::fitted(&confirm, &result.before.augmented())?.squares,
         train: &train,
         confirm: &confirm,
@@ -208,16 +209,16 @@ pub(super) fn extend(
             watch,
         },
     };
-    let noise_n = result.noise_floor.rsse_n;
     // Where the library has explained the error, what is left is a detail of the structure, or an effect that no structure contains.
     // The verdict is not asked: it depends on the test runs.
     let only_beyond = !result.effects.is_empty() && result.remaining.share <= settings.thresholds.little_left;
     let most = settings.most_terms.min(MAX_TERMS - result.before.effects.terms().iter().count());
     let mut result = match Fitted::as_is(result.after.augmented(), &train) {
         Some(library) => {
-            let found = search.run(Found::begin(library), noise_n, Limits { only_beyond, most }, stage)?;
-            let found = search.prune(found, &result.before.effects)?;
-            let found = instead::instead(&search, found, &result, most, stage)?;
+            let library = Found::begin(library);
+            let beside = search.run(library.clone(), Limits { only_beyond, most }, stage)?;
+            let beside = search.prune(beside, &result.before.effects)?;
+            let found = instead::instead(&search, library, beside, &result, most, stage)?;
             search.conclude(result, found)?
         }
         None => result,
@@ -239,6 +240,8 @@ fn selected(datasets: &[Dataset]) -> Rows<'_> {
 struct Search<'a> {
     /// The space of structures is projected off.
     beyond_structure: bool,
+    /// Squared error of the noise on the validation runs, N².
+    noise: f64,
     /// Squared error of the base on the validation runs, N².
     base_squares: f64,
     train: &'a Rows<'a>,
@@ -317,14 +320,7 @@ impl Found {
 
 impl<'a> Search<'a> {
     /// The rounds, which add terms to `found`.
-    fn run(
-        &self,
-        mut found: Found,
-        noise_n: f64,
-        limits: Limits,
-        stage: &dyn Fn(Stage),
-    ) -> Result<Found, Error> {
-        let noise = noise_n * noise_n * self.confirm.len() as f64;
+    fn run(&self, mut found: Found, limits: Limits, stage: &dyn Fn(Stage)) -> Result<Found, Error> {
         let blocks = self.blocks();
         let healthy_rows = selected(self.runs.healthy);
         let passes: &[Pass] =
@@ -346,8 +342,8 @@ impl<'a> Search<'a> {
                 },
             };
             let (left, thresholds) = (here.sides.confirm.raw_squares(), &self.settings.thresholds);
-            if 1.0 - noise / left < thresholds.nothing_left
-                || left - noise < thresholds.least_of_base * (self.base_squares - noise)
+            if 1.0 - self.noise / left < thresholds.nothing_left
+                || left - self.noise < thresholds.least_of_base * (self.base_squares - self.noise)
             {
                 break;
             }
@@ -372,6 +368,11 @@ impl<'a> Search<'a> {
             }
         }
         Ok(found)
+    }
+
+    /// Squared error of a model on the validation runs, N²; infinite if it cannot be simulated on them.
+    fn confirm_squares(&self, fitted: &Fitted) -> f64 {
+        Fitted::as_is(fitted.model, self.confirm).map_or(f64::INFINITY, |fitted| fitted.squares)
     }
 
     /// The blocks of both sides.
@@ -440,8 +441,7 @@ impl<'a> Search<'a> {
         let DiagnosisResult { effects, mut refused, before, noise_floor, .. } = result;
         let mut kept = Vec::with_capacity(effects.len());
         for named in effects {
-            let is_it = |other: &EffectModel| other.effect() == named.effect.effect();
-            match fitted.model.effects().as_slice().iter().position(is_it) {
+            match fitted.model.effects().position(named.effect.effect()) {
                 Some(index) => kept.push(NamedEffect {
                     effect: fitted.model.effects().as_slice()[index],
                     parameters: intervals.of(index),
@@ -479,19 +479,15 @@ impl<'a> Search<'a> {
         if found.discovery.terms.is_empty() {
             return Ok(found);
         }
-        let squares = |model: &Augmented| -> f64 {
-            Fitted::as_is(*model, self.confirm).map_or(f64::INFINITY, |fitted| fitted.squares)
-        };
         let mut index = 0;
         while let Some(effect) = found.fitted.model.effects().as_slice().get(index) {
-            let is_in_base = of_base.as_slice().iter().any(|own| own.effect() == effect.effect());
-            let without = match is_in_base {
+            let without = match of_base.position(effect.effect()).is_some() {
                 true => None,
                 false => self.joint.refit(&without_effect(&found.fitted.model, index)?, REFIT)?,
             };
             let needless = |without: &Fitted| {
-                squares(&without.model)
-                    <= (1.0 + self.settings.thresholds.least_confirmed) * squares(&found.fitted.model)
+                self.confirm_squares(without)
+                    <= (1.0 + self.settings.thresholds.least_confirmed) * self.confirm_squares(&found.fitted)
             };
             match without.filter(needless) {
                 Some(without) => found.fitted = without,
@@ -504,8 +500,7 @@ impl<'a> Search<'a> {
     /// `found` fitted on all rows of `joint`, if that fits the validation runs as well.
     fn complete(&self, joint: &Joint, found: &Fitted) -> Result<Fitted, Error> {
         let complete = joint.refit(&found.model, REFIT)?;
-        let squares = |model: &Augmented| Fitted::as_is(*model, self.confirm).map(|fitted| fitted.squares);
-        let as_good = |complete: &Fitted| squares(&complete.model) <= squares(&found.model);
+        let as_good = |complete: &Fitted| self.confirm_squares(complete) <= self.confirm_squares(found);
         match complete.filter(as_good) {
             Some(complete) => Ok(complete),
             None => test_runs::fitted(joint.rows, &found.model),

@@ -2,6 +2,7 @@
 
 use super::{Argument, Form, FormParameter, Modulator, SHARP, Term};
 use crate::effect::Unit;
+use crate::units::rounded;
 
 /// A number of a term.
 #[derive(Debug, Clone, PartialEq)]
@@ -143,9 +144,10 @@ fn place(term: &Term, drive: &str) -> String {
     match form {
         Form::Constant => String::new(),
         Form::Linear => format!(", times the {name}"),
-        Form::Quadratic => {
-            format!(", times the square of the {}", name.trim_start_matches("magnitude of the "))
+        Form::Quadratic if argument == Argument::DisplacementMagnitude => {
+            format!(", times the square of the {}", Argument::Displacement.words())
         }
+        Form::Quadratic => format!(", times the square of the {name}"),
         Form::Step => format!(" where the {name} is above {}, and stays there", value(0)),
         Form::HingeAbove => format!(", times the part of the {name} above {}", value(0)),
         Form::HingeBelow => format!(", times the part of the {name} below {}", value(0)),
@@ -292,8 +294,7 @@ fn short(value: f64) -> String {
         return format!("{value}");
     }
     if value.abs() >= 1e6 {
-        let rounded: f64 = format!("{value:.3e}").parse().unwrap_or(value);
-        return format!("{rounded:e}");
+        return format!("{:e}", rounded(value, 4));
     }
     #[allow(clippy::disallowed_methods, reason = "a text for people")]
     let places = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;

@@ -179,6 +179,11 @@ impl Prepared {
     }
 }
 
+/// Ids of the effects that were named, in order of application.
+pub(crate) fn names(found: &DiagnosisResult) -> Vec<&'static str> {
+    found.effects.iter().map(|named| named.effect.effect().id()).collect()
+}
+
 /// What `found` says about the case called `name`, which has a test run.
 pub(crate) fn outcome(found: &DiagnosisResult, name: &str) -> Outcome {
     let test = found.test.as_ref().unwrap_or_else(|| panic!("{name}: there was a test run"));
