@@ -4,11 +4,15 @@ use crate::PEER;
 use crate::interop_support::gate::{Outcome, data, interop};
 use crate::interop_support::json::{count, found, number, text};
 use crate::interop_support::{Distro, Lab};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Largest relative difference between the subscribers' NMSE and the NMSE of `evaluate`.
 const ESR_DIFFERENCE: f64 = 1e-9;
+/// Largest number of replays. If the machine stands still for a part of a replay, inputs come too late, and the node answers some
+/// displacements with the estimate before, flagged, and without a residual. The errors are then those of other samples.
+const ATTEMPTS: u32 = 3;
 /// Bags that are written for `rosbags` and `mcap`, with their options.
 const OUR_BAGS: [(&str, &[&str]); 8] = [
     ("bag", &[]),
@@ -135,13 +139,10 @@ fn compare_with_evaluate(lab: &Lab, model: &str, run: &Path, figure: &str, seen:
     let evaluated = lab.mr_damper(&["--quiet", "evaluate", model, utf8(run), "--json", "-"]).json(PEER);
     let rows = count(&evaluated, "/runs/0/free_run/samples");
 
-    // The smoothing of mode changes would add to the subscriber's error, and is not part of the model's error.
-    let node = lab.node(model, &["-p", "bumpless_tau_s:=0.0"]);
-    let mut subscriber = lab.ros(Distro::Jazzy, "esr_peer.py", &["--expect", &rows.to_string()]);
-    assert_eq!(text(&subscriber.json_line(PEER), "/event"), "ready");
-    lab.mr_damper(&["--quiet", "replay", utf8(run), "--wait", "20"]).output(PEER);
-    let saw = subscriber.json_line(PEER);
-    drop(node);
+    let (saw, attempt) = (1..=ATTEMPTS)
+        .map(|attempt| (replay_to_a_subscriber(lab, model, run, rows), attempt))
+        .find(|(saw, attempt)| *attempt == ATTEMPTS || count(saw, "/residual/samples") == rows)
+        .expect("at least one attempt");
 
     let mut figures = Vec::new();
     for (figure, seen) in [("free_run", "residual"), (figure, seen)] {
@@ -165,7 +166,19 @@ fn compare_with_evaluate(lab: &Lab, model: &str, run: &Path, figure: &str, seen:
         }
     }
     figures.dedup();
-    Outcome::Passed(format!("{rows} samples, {}", figures.join("; ")))
+    Outcome::Passed(format!("{rows} samples, {}; attempt {attempt}", figures.join("; ")))
+}
+
+/// Replays `run` through a node with `model`. Returns what a subscriber saw, which waits for `rows` residuals.
+fn replay_to_a_subscriber(lab: &Lab, model: &str, run: &Path, rows: u64) -> Value {
+    // The smoothing of mode changes would add to the subscriber's error, and is not part of the model's error.
+    let node = lab.node(model, &["-p", "bumpless_tau_s:=0.0"]);
+    let mut subscriber = lab.ros(Distro::Jazzy, "esr_peer.py", &["--expect", &rows.to_string()]);
+    assert_eq!(text(&subscriber.json_line(PEER), "/event"), "ready");
+    lab.mr_damper(&["--quiet", "replay", utf8(run), "--wait", "20"]).output(PEER);
+    let saw = subscriber.json_line(PEER);
+    drop(node);
+    saw
 }
 
 fn csv_files(folder: &Path) -> Vec<PathBuf> {
