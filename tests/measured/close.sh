@@ -44,8 +44,12 @@ rm -f "$out"/emps-{estimate,confirm,test}.csv
 "$mr_damper" --quiet convert "$emps" "$out/emps-estimate.csv" --duration 12.5
 "$mr_damper" --quiet convert "$emps" "$out/emps-confirm.csv" --start 12.5 --duration 4
 "$mr_damper" --quiet convert "$emps" "$out/emps-test.csv" --start 16.5
-close_loop emps --base linear --passive --range inertia=0:200 --block-s 1 --estimate "$out/emps-estimate.csv" \
-  --confirm "$out/emps-confirm.csv" --test "$out/emps-test.csv"
+emps() {
+  close_loop "$1" --base linear --passive --block-s 1 --estimate "$out/emps-estimate.csv" --confirm "$out/emps-confirm.csv" \
+    --test "$out/emps-test.csv" "${@:2}"
+}
+emps emps --range inertia=0:200
+emps emps-terms --effects none
 
 # A car damper without a coil on a crank, with another gas pressure, and before and after a heat gun. The reference runs are not aligned by
 # hand. In the two runs at 50 and 150 psi the load cell is reversed: without `sign=-1` they are refused.
@@ -80,7 +84,7 @@ done
 python3 - "$out" <<'PYTHON'
 import json, pathlib, sys
 
-for name in "nees", "utfsm", "utfpr", "emps", "gas", "heat-24", "heat-12":
+for name in "nees", "utfsm", "utfpr", "emps", "emps-terms", "gas", "heat-24", "heat-12":
     closing = json.loads((pathlib.Path(sys.argv[1]) / f"{name}.json").read_text())
     if test := closing["test"]:
         low, high = test["ratio_ci95"] or (float("nan"), float("nan"))
@@ -94,6 +98,8 @@ for name in "nees", "utfsm", "utfpr", "emps", "gas", "heat-24", "heat-12":
         print(f"    mean force {shift['force_n']:+.1f} N ({low:.1f} to {high:.1f}): {', '.join(shift['causes']) or 'chance'}")
     for effect in closing["effects"]:
         print("   ", effect["id"], effect.get("class", ""), effect["parameters"])
+    for term in closing["terms"]:
+        print("   ", term["equation"])
     if closing["base_fault"]:
         print("   ", closing["base_fault"])
 PYTHON

@@ -207,7 +207,8 @@ thresholds! {
     /// A term takes the place of an effect of the library if it removes at least this share of the squared error that the effect leaves on the validation runs.
     term_surpasses = 0.5, Terms, Value,
         "measured: an end stop and a friction that were there lost their names at 0.1 and without this condition";
-    /// Closed forms of a pair whose scores are within this share of the best one are alike.
+    /// Closed forms of a pair whose scores are within this share of the best one are alike. A simpler form of a term may lose this share of its
+    /// gain.
     form_alike = 0.02, Terms, Value, "chosen";
     /// Share of the gain that each number of a term costs when terms are compared.
     cost_of_number = 0.008, Terms, Value, "chosen";

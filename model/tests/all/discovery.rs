@@ -9,7 +9,7 @@ use mr_damper_model::diagnose::discover::Claim;
 use mr_damper_model::diagnose::{
     DiagnosisResult, EffectSet, Refusal, Runs, Settings, Thresholds, Verdict, close,
 };
-use mr_damper_model::effect::term::{Argument, Form, Modulator};
+use mr_damper_model::effect::term::{Argument, Form, Modulator, Term};
 use mr_damper_model::force::{ForceLaw, Form as LawForm};
 use mr_damper_model::identify::{
     Dataset, DatasetOptions, ModelSpec, Options, Structure, Watch, identify_datasets,
@@ -69,13 +69,13 @@ fn a_sudden_loss_of_force_is_found_and_added() {
     assert_eq!(read.model.effects, found.after.effects);
 }
 
-/// A run of an oscillator with the force `spring_n` beside a linear spring, from its exact motion: twelve sines with frequencies and phases of
-/// this seed.
+/// A run of an oscillator with the force `extra_n` of displacement and velocity beside a linear spring, from its exact motion: twelve sines with
+/// frequencies and phases of this seed.
 ///
 /// ```text
-/// F = m a + c v + k x + spring(x)
+/// F = m a + c v + k x + extra(x, v)
 /// ```
-fn oscillator(seed: u64, spring_n: fn(f64) -> f64) -> Run {
+fn oscillator(seed: u64, extra_n: impl Fn(f64, f64) -> f64) -> Run {
     let (mass_kg, damping_n_s_m, stiffness_n_m) = (1.5, 150.0, 1.2e4);
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let sines: Vec<[f64; 3]> = (0..12_u32)
@@ -103,21 +103,20 @@ fn oscillator(seed: u64, spring_n: fn(f64) -> f64) -> Run {
         displacement_m.stamps.push(stamp);
         displacement_m.values.push(x);
         force_n.stamps.push(stamp);
-        force_n.values.push(mass_kg * a + damping_n_s_m * v + stiffness_n_m * x + spring_n(x) + noise_n);
+        force_n.values.push(mass_kg * a + damping_n_s_m * v + stiffness_n_m * x + extra_n(x, v) + noise_n);
     }
     Run { name: format!("oscillator {seed}"), displacement_m, force_n: Some(force_n), ..Run::default() }
 }
 
-/// The diagnosis of the oscillator with this spring; the base is the linear model.
-fn diagnose_oscillator(seed: u64, spring_n: fn(f64) -> f64, thresholds: Thresholds) -> DiagnosisResult {
+/// The diagnosis of the oscillator with this force; the base is the linear model.
+fn diagnose_oscillator(seed: u64, extra_n: impl Fn(f64, f64) -> f64, settings: &Settings) -> DiagnosisResult {
     let [estimate, confirm, test] =
-        [seed, seed + 1, seed + 2].map(|seed| rows(&[oscillator(seed, spring_n)]));
+        [seed, seed + 1, seed + 2].map(|seed| rows(&[oscillator(seed, &extra_n)]));
     let options = Options { conditioning: CONDITIONING, choose_velocity: false, ..Options::default() };
     let spec = ModelSpec::new(Structure::Law(ForceLaw::Linear), LawForm::Passive).expect("a passive law");
     let base = identify_datasets(spec, &estimate, &options, &Watch::none()).expect("a base").model;
     let runs = Runs { estimate: &estimate, confirm: &confirm, test: &test, ..Runs::default() };
-    let settings = Settings { thresholds, ..Settings::default() };
-    close(&base, &runs, &settings, &Watch::none(), &|_| {}).expect("a result")
+    close(&base, &runs, settings, &Watch::none(), &|_| {}).expect("a result")
 }
 
 /// The end of the equation and the amount of the only term of `found`, which has inertia as its only effect of the library.
@@ -130,8 +129,8 @@ fn spring_beside_inertia(found: &DiagnosisResult) -> (String, f64) {
 
 #[test]
 fn a_cubic_spring_is_found_with_its_sign() {
-    let hardening = diagnose_oscillator(60, |x| 3e7 * x.powi(3), Thresholds::default());
-    let softening = diagnose_oscillator(50, |x| -1.2e7 * x.powi(3), Thresholds::default());
+    let hardening = diagnose_oscillator(60, |x, _| 3e7 * x.powi(3), &Settings::default());
+    let softening = diagnose_oscillator(50, |x, _| -1.2e7 * x.powi(3), &Settings::default());
     for (found, cubic_n_m3) in [(hardening, 3e7), (softening, -1.2e7)] {
         let (equation, amount) = spring_beside_inertia(&found);
         assert_eq!(equation, "m³ x³,  x: displacement");
@@ -146,15 +145,31 @@ fn a_term_takes_the_place_of_the_effect_that_it_resembles() {
     for ((seed, spring_n), of_spring) in [(cubic, ("m³ x³", 3e7)), (square, ("m² |x| x", 2e5))] {
         // No term leaves nothing of the error that an effect leaves, so the nearest name of the library stands.
         let library = Thresholds { term_surpasses: 1.0, ..Thresholds::default() };
-        let library = diagnose_oscillator(seed, spring_n, library);
+        let settings = Settings { thresholds: library, ..Settings::default() };
+        let library = diagnose_oscillator(seed, |x, _| spring_n(x), &settings);
         assert!(names(&library).contains(&"end_stop"), "{:?}", library.discovery);
-        let found = diagnose_oscillator(seed, spring_n, Thresholds::default());
+        let found = diagnose_oscillator(seed, |x, _| spring_n(x), &Settings::default());
         let (equation, amount) = spring_beside_inertia(&found);
         assert_eq!(equation, format!("{},  x: displacement", of_spring.0));
         assert!((amount / of_spring.1 - 1.0).abs() < 0.01, "{amount}");
         let why = found.refused.iter().find(|refused| refused.effect.id() == "end_stop");
         assert_eq!(why.map(|refused| &refused.why), Some(&Refusal::TakenOverByTerm));
     }
+}
+
+#[test]
+fn a_mass_and_a_friction_are_found_in_their_simplest_form_without_the_library() {
+    // A third term would follow the acceleration, which is a difference and lags by half a sample.
+    let settings = Settings { effects: EffectSet::NONE, most_terms: 2, ..Settings::default() };
+    let found = diagnose_oscillator(80, |_, v| 20.0 * v.signum(), &settings);
+    let constant = |modulator: Modulator| {
+        let is = |term: &&Term| term.kind() == (modulator, Argument::Displacement, Form::Constant);
+        let mut terms = found.discovery.terms.iter().map(|found| &found.term);
+        terms.find(is).map_or_else(|| panic!("{:?} {:?}", found.verdict, found.discovery), Term::amount)
+    };
+    let (mass_kg, friction_n) = (constant(Modulator::Acceleration), constant(Modulator::SignVelocity));
+    assert!((mass_kg / 1.5 - 1.0).abs() < 0.02, "{mass_kg}");
+    assert!((friction_n / 20.0 - 1.0).abs() < 0.05, "{friction_n}");
 }
 
 #[test]

@@ -48,6 +48,7 @@ mod diagnosis_cases;
 mod diagnosis_paired;
 mod diagnosis_refusals;
 mod discovery;
+mod discovery_measured;
 mod effects;
 
 // Inverse control.

@@ -16,7 +16,6 @@
 //! of the structure at once, and fit a little better than the effect. A term that only describes structure cannot do what an effect does beyond
 //! all structures.
 
-use super::nuisance::Sides;
 use super::{Claim, Found, FoundTerm, Limits, Search, Stage};
 use crate::diagnose::DiagnosisResult;
 use crate::diagnose::joint::Fitted;
@@ -30,21 +29,6 @@ const REFIT: usize = 30;
 fn parts(fitted: &Fitted) -> usize {
     let effects = fitted.model.effects();
     effects.as_slice().len() + effects.terms().iter().count()
-}
-
-/// True if `fitted` leaves at most `share` of the squared error of `other` on the validation runs, and no more with the space of structures
-/// projected off. False for a model that cannot be simulated on them.
-fn is_below(search: &Search, fitted: &Fitted, other: &Fitted, share: f64) -> Result<bool, Error> {
-    if search.confirm_squares(fitted) > share * search.confirm_squares(other) {
-        return Ok(false);
-    }
-    let search = Search { beyond_structure: true, ..*search };
-    let (Some(own), Some(others)) = (Sides::new(&search, fitted, None)?, Sides::new(&search, other, None)?)
-    else {
-        return Ok(false);
-    };
-    let most = 1.0 + search.settings.thresholds.least_confirmed;
-    Ok(own.confirm.squares() <= most * others.confirm.squares())
 }
 
 /// `beside`, which is `library` with the terms found, or what is found with at most `most` terms if named effects of `result` are taken out.
@@ -79,11 +63,12 @@ pub(super) fn instead(
             {
                 break;
             }
-            let surpasses = 1.0 - thresholds.term_surpasses;
-            if count == first && !is_below(search, &other.fitted, &library.fitted, surpasses)? {
+            let alike = 1.0 + thresholds.least_confirmed;
+            let surpasses = [1.0 - thresholds.term_surpasses, alike];
+            if count == first && !search.leaves_at_most(&other.fitted, &library.fitted, surpasses)? {
                 break;
             }
-            if is_below(search, &other.fitted, &best.fitted, 1.0 + thresholds.least_confirmed)? {
+            if search.leaves_at_most(&other.fitted, &best.fitted, [alike; 2])? {
                 best = other.clone();
                 library = other;
                 break;

@@ -10,6 +10,7 @@
 //!                 and at least 5 % less squared error on the validation runs
 //! claim           effect, or structure that the base lacks, or one of the two                             ([`claim`])
 //! instead         a term in place of a named effect of the library that fits much worse                  ([`instead`])
+//! simplify        simpler forms of the terms, now that the model has all of them                          ([`simplify`])
 //! hum             a sine in the measured force that is left; it is said, and not added                    ([`hum`])
 //! ```
 //!
@@ -34,6 +35,7 @@ mod resonance;
 mod screen;
 mod series;
 mod settle;
+mod simplify;
 mod structure;
 
 pub use claim::Claim;
@@ -49,7 +51,7 @@ use super::procedure::{model_of, remaining_error, verdict};
 use super::refusal::Refusal;
 use super::rows::Rows;
 use super::space::without_effect;
-use super::{DiagnosisMode, DiagnosisResult, Runs, Settings, Stage, Verdict, test_runs};
+use super::{DiagnosisMode, DiagnosisResult, EffectSet, Runs, Settings, Stage, Verdict, test_runs};
 use crate::effect::term::{Argument, MAX_TERMS, Modulator, Term, Terms};
 use crate::effect::{Augmented, Effects};
 use crate::error::Error;
@@ -188,8 +190,13 @@ pub(super) fn extend(
     stage: &dyn Fn(Stage),
 ) -> Result<DiagnosisResult, Error> {
     let nothing_left = result.remaining.lof < settings.thresholds.nothing_left;
-    let no_name = matches!(result.verdict, Verdict::BaseInadequate | Verdict::NothingToExplain);
-    if settings.most_terms == 0 || result.mode == DiagnosisMode::Paired || no_name || nothing_left {
+    let nothing_to_find = match result.verdict {
+        Verdict::NothingToExplain => true,
+        // Another structure would do as well as what the library says. Without a library, terms can say what is missing.
+        Verdict::BaseInadequate => settings.effects != EffectSet::NONE,
+        _ => nothing_left,
+    };
+    if settings.most_terms == 0 || result.mode == DiagnosisMode::Paired || nothing_to_find {
         return Ok(result);
     }
     let [train, confirm] = [runs.estimate, runs.confirm].map(selected);
@@ -212,13 +219,20 @@ pub(super) fn extend(
     // Where the library has explained the error, what is left is a detail of the structure, or an effect that no structure contains.
     // The verdict is not asked: it depends on the test runs.
     let only_beyond = !result.effects.is_empty() && result.remaining.share <= settings.thresholds.little_left;
-    let most = settings.most_terms.min(MAX_TERMS - result.before.effects.terms().iter().count());
+    let of_base = result.before.effects.terms().iter().count();
+    let most = settings.most_terms.min(MAX_TERMS - of_base);
     let mut result = match Fitted::as_is(result.after.augmented(), &train) {
         Some(library) => {
             let library = Found::begin(library);
-            let beside = search.run(library.clone(), Limits { only_beyond, most }, stage)?;
+            let limits = Limits { only_beyond, most };
+            let beside = search.run(library.clone(), limits, stage)?;
             let beside = search.prune(beside, &result.before.effects)?;
-            let found = instead::instead(&search, library, beside, &result, most, stage)?;
+            let mut found = instead::instead(&search, library, beside, &result, most, stage)?;
+            if simplify::simplify(&search, &mut found, of_base)? {
+                // A term that has left a part to another one may leave an error behind.
+                found = search.run(found, limits, stage)?;
+                found = search.prune(found, &result.before.effects)?;
+            }
             search.conclude(result, found)?
         }
         None => result,
@@ -302,6 +316,20 @@ impl BothBlocks {
     }
 }
 
+/// Squared error on the validation runs, N².
+#[derive(Debug, Clone, Copy)]
+struct SquaredErrors {
+    all: f64,
+    /// With the space of structures projected off.
+    beyond: f64,
+}
+
+impl SquaredErrors {
+    fn sum(self) -> f64 {
+        self.all + self.beyond
+    }
+}
+
 /// A model with the terms found.
 #[derive(Clone)]
 struct Found {
@@ -373,6 +401,33 @@ impl<'a> Search<'a> {
     /// Squared error of a model on the validation runs, N²; infinite if it cannot be simulated on them.
     fn confirm_squares(&self, fitted: &Fitted) -> f64 {
         Fitted::as_is(fitted.model, self.confirm).map_or(f64::INFINITY, |fitted| fitted.squares)
+    }
+
+    /// True if `fitted` leaves at most these shares of the squared error of `other` on the validation runs: as it is, and with the space of
+    /// structures projected off. False for a model that cannot be simulated on them.
+    fn leaves_at_most(
+        &self,
+        fitted: &Fitted,
+        other: &Fitted,
+        [share, beyond_structure]: [f64; 2],
+    ) -> Result<bool, Error> {
+        if self.confirm_squares(fitted) > share * self.confirm_squares(other) {
+            return Ok(false);
+        }
+        let (Some(own), Some(others)) = (self.confirm_errors(fitted)?, self.confirm_errors(other)?) else {
+            return Ok(false);
+        };
+        Ok(own.beyond <= beyond_structure * others.beyond)
+    }
+
+    /// The squared errors of a model on the validation runs; `None` if it cannot be simulated on them.
+    fn confirm_errors(&self, fitted: &Fitted) -> Result<Option<SquaredErrors>, Error> {
+        let search = Search { beyond_structure: true, ..*self };
+        let sides = Sides::new(&search, fitted, None)?;
+        Ok(sides.map(|Sides { confirm, .. }| SquaredErrors {
+            all: confirm.raw_squares(),
+            beyond: confirm.squares(),
+        }))
     }
 
     /// The blocks of both sides.
@@ -470,6 +525,7 @@ impl<'a> Search<'a> {
             after,
             discovery,
             noise_floor,
+            base_fault: None,
             ..result
         })
     }

@@ -29,7 +29,7 @@ use rayon::prelude::*;
 /// Number of hat functions.
 const KNOTS: usize = 48;
 /// The argument of the form that is the same for all arguments: it is in every run, and its range does not end with the run.
-const OF_CONSTANT: Argument = Argument::Displacement;
+pub(super) const OF_CONSTANT: Argument = Argument::Displacement;
 /// Share of a curve that must remain after projection; below it the nuisance space can take its place.
 const LEAST_IDENTIFIABLE: f64 = 1e-3;
 
@@ -96,7 +96,7 @@ pub(super) fn pairs(
 
 /// True if a term of this pair would refine the curve of `term`: it has the same pair, or both grow while the damper runs, as time, path, energy
 /// and temperature do together.
-fn repeats((modulator, argument): (Modulator, Argument), term: &Term) -> bool {
+pub(super) fn repeats((modulator, argument): (Modulator, Argument), term: &Term) -> bool {
     let (own, of, _) = term.kind();
     let both_grow = argument.counts_from_start() && of.counts_from_start();
     both_grow || (own, of) == (modulator, argument)

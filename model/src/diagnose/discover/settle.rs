@@ -31,6 +31,8 @@ const JOINTLY: usize = 30;
 const MOST_RIVALS: usize = 3;
 /// Flips of signs.
 const FLIPS: u32 = 4_000;
+/// Least share of its amount that a decaying term must still have where the data begin.
+const LEAST_OF_DECAY: f64 = 0.1;
 /// Least number of blocks of both sides: with fewer, no p is below 0.01.
 const LEAST_BLOCKS: usize = 7;
 
@@ -76,7 +78,7 @@ pub(super) fn settle(
     let alone = |pair: &&Pair| alone(search, sides, &current.model, pair);
     let alone: Vec<Option<Alone>> = chosen.par_iter().map(alone).collect::<Result<_, Error>>()?;
     let mut refits: Vec<Alone> = alone.into_iter().flatten().collect();
-    refits.retain(|one| !has_no_peak(&one.term));
+    refits.retain(|one| !has_no_peak(&one.term) && !dies_away_before(&one.term));
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
     // The base was fitted while the effect was there, which has bent it, so the rivals of the best are fitted with it.
     let least = refits.first().map_or(0.0, |best| best.squares);
@@ -86,7 +88,7 @@ pub(super) fn settle(
     let refits = refits.into_par_iter().map(|one| jointly(search, sides, known, one, blocks));
     let refits: Vec<Option<Refitted>> = refits.collect::<Result<_, Error>>()?;
     let mut refits: Vec<Refitted> = refits.into_iter().flatten().collect();
-    refits.retain(|one| !has_no_peak(&one.term));
+    refits.retain(|one| !has_no_peak(&one.term) && !dies_away_before(&one.term));
     // The nuisance space is not in the model: without it the term must help too.
     refits.retain(|one| {
         one.raw_squares < (1.0 - thresholds.term_least_raw_share) * sides.confirm.raw_squares()
@@ -236,6 +238,14 @@ impl Problem for OfTerm<'_> {
             gradient: DVector::from_iterator(n, columns.iter().map(|column| -dot(column, &rest_n))),
         })
     }
+}
+
+/// True if the term has died away where the data begin: its amount is then a number for a place where there are none.
+fn dies_away_before(term: &Term) -> bool {
+    let [low, high] = term.confirmed_in();
+    let nearest = low.max(-high).max(0.0);
+    let (_, _, form) = term.kind();
+    form == Form::Decay && term.curve(nearest).abs() < LEAST_OF_DECAY * term.amount().abs()
 }
 
 /// Order of terms that fit alike: fewest numbers, then the argument and the modulator that come first in their lists.
