@@ -291,6 +291,16 @@ mod tests {
     }
 
     #[test]
+    fn a_decay_that_has_ended_where_the_data_begin_is_no_term() {
+        let decay = |scale_m_s: f64, confirmed_in: [f64; 2]| {
+            let kind = (Modulator::SignVelocity, Argument::Velocity, Form::Decay);
+            dies_away_before(&Term::new(kind, 20.0, &[scale_m_s], confirmed_in).expect("a term"))
+        };
+        assert!(decay(0.001, [0.005, 0.1]) && decay(0.001, [-0.1, -0.005]));
+        assert!(!decay(0.001, [-0.1, 0.1]) && !decay(0.01, [0.005, 0.1]));
+    }
+
+    #[test]
     fn rivals_are_paid_for_and_one_that_explodes_is_not() {
         let large: Vec<f64> = CHANCE.iter().map(|gain| 3.0 * gain).collect();
         let alone = p_value(&STEADY, &[], 1);

@@ -341,6 +341,8 @@ mod tests {
             hardening.sentence("A"),
             "The stiffness is 9.967e7 N/m³ more, times the square of the displacement."
         );
+        let sharp = term(Modulator::SignVelocity, Argument::Speed, Form::Decay, 20.0, &[0.005]);
+        assert_eq!(sharp.equation("A"), "F' = F + 20 N exp(-|v| / 0.005 m/s) sgn v,  |v|: speed");
         let turbulent = term(Modulator::Velocity, Argument::Speed, Form::Linear, 250.0, &[]);
         assert_eq!(turbulent.equation("A"), "F' = F + 250 N/(m/s)² |v| v,  v: velocity");
         let thread = term(Modulator::Force, Argument::Displacement, Form::Sine, 0.15, &[-0.015, 0.005]);
