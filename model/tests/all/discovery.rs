@@ -108,15 +108,27 @@ fn oscillator(seed: u64, extra_n: impl Fn(f64, f64) -> f64) -> Run {
     Run { name: format!("oscillator {seed}"), displacement_m, force_n: Some(force_n), ..Run::default() }
 }
 
-/// The diagnosis of the oscillator with this force; the base is the linear model.
-fn diagnose_oscillator(seed: u64, extra_n: impl Fn(f64, f64) -> f64, settings: &Settings) -> DiagnosisResult {
-    let [estimate, confirm, test] =
-        [seed, seed + 1, seed + 2].map(|seed| rows(&[oscillator(seed, &extra_n)]));
+/// The diagnosis of these runs; the base is the linear model.
+pub(crate) fn close_from_linear(runs: [&[Run]; 3], settings: &Settings) -> DiagnosisResult {
+    let [estimate, confirm, test] = runs.map(rows);
     let options = Options { conditioning: CONDITIONING, choose_velocity: false, ..Options::default() };
     let spec = ModelSpec::new(Structure::Law(ForceLaw::Linear), LawForm::Passive).expect("a passive law");
     let base = identify_datasets(spec, &estimate, &options, &Watch::none()).expect("a base").model;
     let runs = Runs { estimate: &estimate, confirm: &confirm, test: &test, ..Runs::default() };
     close(&base, &runs, settings, &Watch::none(), &|_| {}).expect("a result")
+}
+
+/// The amount of the term that is this modulator alone.
+pub(crate) fn constant(found: &DiagnosisResult, modulator: Modulator) -> f64 {
+    let is = |term: &&Term| term.kind() == (modulator, Argument::Displacement, Form::Constant);
+    let mut terms = found.discovery.terms.iter().map(|found| &found.term);
+    terms.find(is).map_or_else(|| panic!("{:?} {:?}", found.verdict, found.discovery), Term::amount)
+}
+
+/// The diagnosis of the oscillator with this force; the base is the linear model.
+fn diagnose_oscillator(seed: u64, extra_n: impl Fn(f64, f64) -> f64, settings: &Settings) -> DiagnosisResult {
+    let [estimate, confirm, test] = [seed, seed + 1, seed + 2].map(|seed| [oscillator(seed, &extra_n)]);
+    close_from_linear([&estimate, &confirm, &test], settings)
 }
 
 /// The end of the equation and the amount of the only term of `found`, which has inertia as its only effect of the library.
@@ -162,12 +174,8 @@ fn a_mass_and_a_friction_are_found_in_their_simplest_form_without_the_library() 
     // A third term would follow the acceleration, which is a difference and lags by half a sample.
     let settings = Settings { effects: EffectSet::NONE, most_terms: 2, ..Settings::default() };
     let found = diagnose_oscillator(80, |_, v| 20.0 * v.signum(), &settings);
-    let constant = |modulator: Modulator| {
-        let is = |term: &&Term| term.kind() == (modulator, Argument::Displacement, Form::Constant);
-        let mut terms = found.discovery.terms.iter().map(|found| &found.term);
-        terms.find(is).map_or_else(|| panic!("{:?} {:?}", found.verdict, found.discovery), Term::amount)
-    };
-    let (mass_kg, friction_n) = (constant(Modulator::Acceleration), constant(Modulator::SignVelocity));
+    let (mass_kg, friction_n) =
+        (constant(&found, Modulator::Acceleration), constant(&found, Modulator::SignVelocity));
     assert!((mass_kg / 1.5 - 1.0).abs() < 0.02, "{mass_kg}");
     assert!((friction_n / 20.0 - 1.0).abs() < 0.05, "{friction_n}");
 }

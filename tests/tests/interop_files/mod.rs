@@ -11,7 +11,7 @@ use std::time::Duration;
 /// Largest relative difference between the subscribers' NMSE and the NMSE of `evaluate`.
 const ESR_DIFFERENCE: f64 = 1e-9;
 /// Largest number of replays. If the machine stands still for a part of a replay, inputs come too late, and the node answers some
-/// displacements with the estimate before, flagged, and without a residual. The errors are then those of other samples.
+/// displacements with the estimate before, flagged, and without a residual. The subscriber then computes the errors of other samples.
 const ATTEMPTS: u32 = 3;
 /// Bags that are written for `rosbags` and `mcap`, with their options.
 const OUR_BAGS: [(&str, &[&str]); 8] = [

@@ -10,8 +10,8 @@
 //!             and e with the space of structures projected off grows by no more than least_confirmed
 //! ```
 //!
-//! The library names the nearest of its effects, also for a damper whose effect it does not have: a cubic spring looks like an end stop. A
-//! name of this kind leaves an error, and the terms that are found beside it describe the difference. One term in place of the name leaves
+//! The library names the nearest of its effects, also for a damper whose effect it does not have: a cubic spring looks like an end stop. This
+//! name leaves an error, and the terms that are found beside it describe the difference. One term in place of the name leaves
 //! much less. The library is preferred otherwise: beside a base that is not of the damper's structure, a term can describe an effect and a part
 //! of the structure at once, and fit a little better than the effect. A term that only describes structure cannot do what an effect does beyond
 //! all structures.
@@ -55,7 +55,6 @@ pub(super) fn instead(
         for count in first..=most {
             let limits = Limits { only_beyond: false, most: count };
             other = search.run(other, limits, stage)?;
-            other = search.prune(other, &result.before.effects)?;
             let is_structure = |term: &FoundTerm| matches!(term.claim, Claim::Structure { .. });
             if other.discovery.terms.len() < count
                 || other.discovery.terms.iter().any(is_structure)

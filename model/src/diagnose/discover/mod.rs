@@ -202,6 +202,7 @@ pub(super) fn extend(
     let [train, confirm] = [runs.estimate, runs.confirm].map(selected);
     let search = Search {
         beyond_structure: true,
+        of_base: result.before.effects,
         noise: result.noise_floor.rsse_n.powi(2) * confirm.len() as f64,
         base_squares: test_runs::fitted(&confirm, &result.before.augmented())?.squares,
         train: &train,
@@ -219,19 +220,16 @@ pub(super) fn extend(
     // Where the library has explained the error, what is left is a detail of the structure, or an effect that no structure contains.
     // The verdict is not asked: it depends on the test runs.
     let only_beyond = !result.effects.is_empty() && result.remaining.share <= settings.thresholds.little_left;
-    let of_base = result.before.effects.terms().iter().count();
-    let most = settings.most_terms.min(MAX_TERMS - of_base);
+    let most = settings.most_terms.min(MAX_TERMS - result.before.effects.terms().iter().count());
     let mut result = match Fitted::as_is(result.after.augmented(), &train) {
         Some(library) => {
             let library = Found::begin(library);
             let limits = Limits { only_beyond, most };
             let beside = search.run(library.clone(), limits, stage)?;
-            let beside = search.prune(beside, &result.before.effects)?;
             let mut found = instead::instead(&search, library, beside, &result, most, stage)?;
-            if simplify::simplify(&search, &mut found, of_base)? {
+            if simplify::simplify(&search, &mut found)? {
                 // A term that has left a part to another one may leave an error behind.
                 found = search.run(found, limits, stage)?;
-                found = search.prune(found, &result.before.effects)?;
             }
             search.conclude(result, found)?
         }
@@ -254,6 +252,8 @@ fn selected(datasets: &[Dataset]) -> Rows<'_> {
 struct Search<'a> {
     /// The space of structures is projected off.
     beyond_structure: bool,
+    /// The effects that the base had already.
+    of_base: Effects,
     /// Squared error of the noise on the validation runs, N².
     noise: f64,
     /// Squared error of the base on the validation runs, N².
@@ -347,8 +347,13 @@ impl Found {
 }
 
 impl<'a> Search<'a> {
+    /// Adds terms to `found`, and removes the effects that they have taken over.
+    fn run(&self, found: Found, limits: Limits, stage: &dyn Fn(Stage)) -> Result<Found, Error> {
+        self.prune(self.rounds(found, limits, stage)?)
+    }
+
     /// The rounds, which add terms to `found`.
-    fn run(&self, mut found: Found, limits: Limits, stage: &dyn Fn(Stage)) -> Result<Found, Error> {
+    fn rounds(&self, mut found: Found, limits: Limits, stage: &dyn Fn(Stage)) -> Result<Found, Error> {
         let blocks = self.blocks();
         let healthy_rows = selected(self.runs.healthy);
         let passes: &[Pass] =
@@ -480,8 +485,7 @@ impl<'a> Search<'a> {
         if discovery.terms.is_empty() {
             return Ok(DiagnosisResult { discovery, ..result });
         }
-        let of_base = result.before.effects;
-        let own = of_base.terms().iter().count();
+        let own = self.of_base.terms().iter().count();
         let [train, confirm, test] = [self.runs.estimate, self.runs.confirm, self.runs.test]
             .map(|runs| Rows::new(runs, self.settings.most_rows));
         let joint = Joint { rows: &train, ..self.joint };
@@ -531,13 +535,13 @@ impl<'a> Search<'a> {
     }
 
     /// Removes effects of the library whose part the terms of `found` have taken over; not those that the base had already.
-    fn prune(&self, mut found: Found, of_base: &Effects) -> Result<Found, Error> {
+    fn prune(&self, mut found: Found) -> Result<Found, Error> {
         if found.discovery.terms.is_empty() {
             return Ok(found);
         }
         let mut index = 0;
         while let Some(effect) = found.fitted.model.effects().as_slice().get(index) {
-            let without = match of_base.position(effect.effect()).is_some() {
+            let without = match self.of_base.position(effect.effect()).is_some() {
                 true => None,
                 false => self.joint.refit(&without_effect(&found.fitted.model, index)?, REFIT)?,
             };

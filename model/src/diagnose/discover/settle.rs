@@ -78,7 +78,7 @@ pub(super) fn settle(
     let alone = |pair: &&Pair| alone(search, sides, &current.model, pair);
     let alone: Vec<Option<Alone>> = chosen.par_iter().map(alone).collect::<Result<_, Error>>()?;
     let mut refits: Vec<Alone> = alone.into_iter().flatten().collect();
-    refits.retain(|one| !has_no_peak(&one.term) && !dies_away_before(&one.term));
+    refits.retain(|one| is_sound(&one.term));
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
     // The base was fitted while the effect was there, which has bent it, so the rivals of the best are fitted with it.
     let least = refits.first().map_or(0.0, |best| best.squares);
@@ -88,7 +88,7 @@ pub(super) fn settle(
     let refits = refits.into_par_iter().map(|one| jointly(search, sides, known, one, blocks));
     let refits: Vec<Option<Refitted>> = refits.collect::<Result<_, Error>>()?;
     let mut refits: Vec<Refitted> = refits.into_iter().flatten().collect();
-    refits.retain(|one| !has_no_peak(&one.term) && !dies_away_before(&one.term));
+    refits.retain(|one| is_sound(&one.term));
     // The nuisance space is not in the model: without it the term must help too.
     refits.retain(|one| {
         one.raw_squares < (1.0 - thresholds.term_least_raw_share) * sides.confirm.raw_squares()
@@ -238,6 +238,11 @@ impl Problem for OfTerm<'_> {
             gradient: DVector::from_iterator(n, columns.iter().map(|column| -dot(column, &rest_n))),
         })
     }
+}
+
+/// False for a term whose numbers describe nothing that is in the data.
+fn is_sound(term: &Term) -> bool {
+    !has_no_peak(term) && !dies_away_before(term)
 }
 
 /// True if the term has died away where the data begin: its amount is then a number for a place where there are none.

@@ -22,6 +22,7 @@ use crate::diagnose::rows::dot;
 use crate::effect::Augmented;
 use crate::effect::term::{Form, Term, Terms};
 use crate::error::Error;
+use crate::statistics::range;
 use rayon::prelude::*;
 
 /// Evaluations of the refit with another form.
@@ -29,51 +30,49 @@ const REFIT: usize = 30;
 /// Least share of a term's power on the training runs that lies along a candidate (the squared correlation of the two).
 const ALIKE: f64 = 0.8;
 
-/// Simplifies the terms of `found`, of which the base has the first `of_base`. Returns true if another search is worth its time: a term was removed,
-/// or the model fits better.
-pub(super) fn simplify(search: &Search, found: &mut Found, of_base: usize) -> Result<bool, Error> {
+/// Simplifies the terms of `found`. Returns true if another search is worth its time: a term was removed, or the model fits better.
+pub(super) fn simplify(search: &Search, found: &mut Found) -> Result<bool, Error> {
     let most = found.discovery.terms.len();
+    if most == 0 {
+        return Ok(false);
+    }
+    let of_base = search.of_base.terms().iter().count();
     let before = search.confirm_squares(&found.fitted);
     // A term that is simplified may let the others be simplified, so each is tried again after that, once.
     let (mut index, mut unchanged, mut changed) = (0, 0, false);
     for _ in 0..2 * most {
-        if unchanged >= found.discovery.terms.len() {
+        let count = found.discovery.terms.len();
+        if unchanged >= count {
             break;
         }
-        index %= found.discovery.terms.len();
-        // What the healthy damper has, too, is a detail of its structure.
+        index %= count;
         let simpler = match found.discovery.terms[index].claim {
+            // A term that the healthy damper has, too, is a detail of its structure.
             Claim::Structure { .. } => None,
             _ => simpler(search, &found.fitted, of_base + index, changed)?,
         };
-        unchanged += 1;
-        if let Some((fitted, term)) = simpler {
-            (found.fitted, changed, unchanged) = (fitted, true, 1);
-            match term {
-                Some(term) => found.discovery.terms[index].term = term,
-                None => {
-                    found.discovery.terms.remove(index);
-                    found.beyond.remove(index);
-                    unchanged = 0;
-                    continue;
-                }
-            }
+        let Some(fitted) = simpler else {
+            (index, unchanged) = (index + 1, unchanged + 1);
+            continue;
+        };
+        let is_removed = fitted.model.effects().terms().iter().count() < of_base + count;
+        (found.fitted, changed) = (fitted, true);
+        if is_removed {
+            found.discovery.terms.remove(index);
+            found.beyond.remove(index);
+            unchanged = 0;
+        } else {
+            (index, unchanged) = (index + 1, 1);
         }
-        index += 1;
     }
     let better = 1.0 - search.settings.thresholds.term_least_share;
     let fits_better = || search.confirm_squares(&found.fitted) <= better * before;
     Ok(found.discovery.terms.len() < most || changed && fits_better())
 }
 
-/// The best model with a simpler form of term `index`, and the term with it; `None` for the term if it is not needed, which is tried if the model
-/// has `changed` since the term was found.
-fn simpler(
-    search: &Search,
-    fitted: &Fitted,
-    index: usize,
-    changed: bool,
-) -> Result<Option<(Fitted, Option<Term>)>, Error> {
+/// The best model with a simpler form of term `index`, or without the term if it is not needed, which is tried if the model has `changed` since the
+/// term was found.
+fn simpler(search: &Search, fitted: &Fitted, index: usize, changed: bool) -> Result<Option<Fitted>, Error> {
     let terms: Vec<Term> = fitted.model.effects().terms().iter().copied().collect();
     let candidates = candidates(search, fitted, &terms, index);
     if candidates.is_empty() && !changed {
@@ -93,7 +92,7 @@ fn simpler(
     let thresholds = &search.settings.thresholds;
     let alike = 1.0 + thresholds.least_confirmed;
     if changed && without.all <= alike * own.all && without.beyond <= alike * own.beyond {
-        return Ok(Some((none, None)));
+        return Ok(Some(none));
     }
     let needed = |candidate: &Term| {
         let fewer = candidate.values().len() < terms[index].values().len();
@@ -108,10 +107,7 @@ fn simpler(
         (gain > needed(&candidate)).then_some((fitted, gain))
     });
     let best = taken.max_by(|(_, a), (_, b)| a.total_cmp(b));
-    Ok(best.map(|(fitted, _)| {
-        let term = fitted.model.effects().terms().iter().nth(index).copied();
-        (fitted, term)
-    }))
+    Ok(best.map(|(fitted, _)| fitted))
 }
 
 /// The simpler forms of term `index` that are like it, each with the amount that comes closest to it on the training runs.
@@ -136,7 +132,8 @@ fn candidates(search: &Search, fitted: &Fitted, terms: &[Term], index: usize) ->
         if simple == form || others().any(|(_, other)| repeats((modulator, of), other)) {
             return None;
         }
-        let range = if of == argument { term.confirmed_in() } else { range(series.argument(of)?)? };
+        let range =
+            if of == argument { term.confirmed_in() } else { range(series.argument(of)?.iter().copied()) };
         let unit = Term::new((modulator, of, simple), 1.0, &[], range).ok()?;
         let (own_n, unit_n) = (own_n.as_ref()?, force_n(&unit)?);
         let (along, power) = (dot(own_n, &unit_n), dot(&unit_n, &unit_n));
@@ -144,10 +141,4 @@ fn candidates(search: &Search, fitted: &Fitted, terms: &[Term], index: usize) ->
         if like { unit.with_values(&[along / power]) } else { None }
     };
     [Form::Constant, Form::Linear, Form::Quadratic].into_iter().filter_map(with_form).collect()
-}
-
-fn range(values: &[f64]) -> Option<[f64; 2]> {
-    let low = values.iter().copied().min_by(f64::total_cmp)?;
-    let high = values.iter().copied().max_by(f64::total_cmp)?;
-    Some([low, high])
 }

@@ -185,7 +185,9 @@ fn curve(term: &Term, drive: &str) -> String {
         Form::HingeAbove => format!("max(0, {})", away()),
         Form::HingeBelow => format!("max(0, {} - {q})", number(0)),
         Form::Ramp => format!("min(1, max(0, ({}) / {}))", away(), number(1)),
-        Form::Decay if q.starts_with('|') => format!("exp(-{q} / {})", number(0)),
+        Form::Decay if matches!(argument, Argument::Speed | Argument::DisplacementMagnitude) => {
+            format!("exp(-{q} / {})", number(0))
+        }
         Form::Decay => format!("exp(-|{q}| / {})", number(0)),
         Form::Growth => format!("(exp({q} / {}) - 1)", number(0)),
         Form::Tanh => format!("tanh({q} / {})", number(0)),
