@@ -207,6 +207,9 @@ thresholds! {
     /// A term takes the place of an effect of the library if it removes at least this share of the squared error that the effect leaves on the validation runs.
     term_surpasses = 0.5, Terms, Value,
         "measured: an end stop and a friction that were there lost their names at 0.1 and without this condition";
+    /// The search for a term in place of an effect ends if the best one, with everything else as it is, leaves more than this many times the squared
+    /// error that it must reach on the validation runs.
+    term_far = 2.0, Terms, Value, "chosen for time";
     /// Closed forms of a pair whose scores are within this share of the best one are alike. A simpler form of a term may lose this share of its
     /// gain.
     form_alike = 0.02, Terms, Value, "chosen";

@@ -8,6 +8,7 @@
 //! taken       e(instead, one term) <= (1 - term_surpasses) e(effect)
 //!             e(instead) <= (1 + least_confirmed) e(beside), with no more effects and terms
 //!             and e with the space of structures projected off grows by no more than least_confirmed
+//! given up    the best term with everything else as it is leaves more than term_far times the e that it must reach
 //! ```
 //!
 //! The library names the nearest of its effects, also for a damper whose effect it does not have: a cubic spring looks like an end stop. This
@@ -16,7 +17,7 @@
 //! of the structure at once, and fit a little better than the effect. A term that only describes structure cannot do what an effect does beyond
 //! all structures.
 
-use super::{Claim, Found, FoundTerm, Limits, Search, Stage};
+use super::{Claim, Found, FoundTerm, Limits, Search, SquaredErrors, Stage};
 use crate::diagnose::DiagnosisResult;
 use crate::diagnose::joint::Fitted;
 use crate::diagnose::space::without_effect;
@@ -41,6 +42,7 @@ pub(super) fn instead(
     stage: &dyn Fn(Stage),
 ) -> Result<Found, Error> {
     let thresholds = &search.settings.thresholds;
+    let (alike, surpasses) = (1.0 + thresholds.least_confirmed, 1.0 - thresholds.term_surpasses);
     let mut best = beside;
     // `library` has the effects that stand so far, and the terms in place of the others.
     for named in &result.effects {
@@ -50,11 +52,13 @@ pub(super) fn instead(
         }
         let model = &library.fitted.model;
         let Some(index) = model.effects().position(named.effect.effect()) else { continue };
+        let Some(own) = search.confirm_errors(&library.fitted)? else { continue };
+        let goal = SquaredErrors { all: surpasses * own.all, beyond: alike * own.beyond };
         let Some(fitted) = search.joint.refit(&without_effect(model, index)?, REFIT)? else { continue };
         let mut other = Found { fitted, ..library.clone() };
         for count in first..=most {
-            let limits = Limits { only_beyond: false, most: count };
-            other = search.run(other, limits, stage)?;
+            let goal = (count == first).then_some(goal);
+            other = search.run(other, Limits { only_beyond: false, most: count, goal }, stage)?;
             let is_structure = |term: &FoundTerm| matches!(term.claim, Claim::Structure { .. });
             if other.discovery.terms.len() < count
                 || other.discovery.terms.iter().any(is_structure)
@@ -62,12 +66,13 @@ pub(super) fn instead(
             {
                 break;
             }
-            let alike = 1.0 + thresholds.least_confirmed;
-            let surpasses = [1.0 - thresholds.term_surpasses, alike];
-            if count == first && !search.leaves_at_most(&other.fitted, &library.fitted, surpasses)? {
+            if let Some(goal) = goal
+                && !search.reaches(&other.fitted, goal)?
+            {
                 break;
             }
-            if search.leaves_at_most(&other.fitted, &best.fitted, [alike; 2])? {
+            let Some(of_best) = search.confirm_errors(&best.fitted)? else { break };
+            if search.reaches(&other.fitted, of_best.times(alike))? {
                 best = other.clone();
                 library = other;
                 break;

@@ -25,6 +25,7 @@
 //! signs is compared with the gain found, so the number of pairs is paid for. Losses count at most as much as the pair's largest gain: a pair
 //! that explodes on one block would widen the distribution otherwise.
 
+mod around;
 mod claim;
 mod curve;
 mod hum;
@@ -224,7 +225,7 @@ pub(super) fn extend(
     let mut result = match Fitted::as_is(result.after.augmented(), &train) {
         Some(library) => {
             let library = Found::begin(library);
-            let limits = Limits { only_beyond, most };
+            let limits = Limits { only_beyond, most, goal: None };
             let beside = search.run(library.clone(), limits, stage)?;
             let mut found = instead::instead(&search, library, beside, &result, most, stage)?;
             if simplify::simplify(&search, &mut found)? {
@@ -294,6 +295,8 @@ struct Limits {
     only_beyond: bool,
     /// Largest number of terms to discover.
     most: usize,
+    /// Errors that the model must come near with the next term; the search ends if no term does.
+    goal: Option<SquaredErrors>,
 }
 
 /// The screen of a model. It serves every pass over the same model that leaves out the same space.
@@ -327,6 +330,10 @@ struct SquaredErrors {
 impl SquaredErrors {
     fn sum(self) -> f64 {
         self.all + self.beyond
+    }
+
+    fn times(self, factor: f64) -> Self {
+        Self { all: factor * self.all, beyond: factor * self.beyond }
     }
 }
 
@@ -385,7 +392,8 @@ impl<'a> Search<'a> {
             };
             let pairs: Vec<&Pair> = here.pairs.iter().filter(shown).collect();
             let known = here.healthy.as_ref().and_then(Healthy::structure);
-            match settle::settle(&search, fitted, &here.sides, known, &pairs, &blocks)? {
+            let goal = limits.goal.map(|goal| if beyond_structure { goal.beyond } else { goal.all });
+            match settle::settle(&search, fitted, &here.sides, known, &pairs, &blocks, goal)? {
                 Ok(Settled { fitted: next, term, class, p, confirmed }) => {
                     let claim = claim::claim(here.healthy.as_ref(), &term, thresholds);
                     let (ci95, curve) = (Vec::new(), Vec::new());
@@ -408,21 +416,14 @@ impl<'a> Search<'a> {
         Fitted::as_is(fitted.model, self.confirm).map_or(f64::INFINITY, |fitted| fitted.squares)
     }
 
-    /// True if `fitted` leaves at most these shares of the squared error of `other` on the validation runs: as it is, and with the space of
-    /// structures projected off. False for a model that cannot be simulated on them.
-    fn leaves_at_most(
-        &self,
-        fitted: &Fitted,
-        other: &Fitted,
-        [share, beyond_structure]: [f64; 2],
-    ) -> Result<bool, Error> {
-        if self.confirm_squares(fitted) > share * self.confirm_squares(other) {
+    /// True if the squared errors of `fitted` on the validation runs are at most those of `goal`. False for a model that cannot be simulated on
+    /// them.
+    fn reaches(&self, fitted: &Fitted, goal: SquaredErrors) -> Result<bool, Error> {
+        // The second error takes many times the time of the first.
+        if self.confirm_squares(fitted) > goal.all {
             return Ok(false);
         }
-        let (Some(own), Some(others)) = (self.confirm_errors(fitted)?, self.confirm_errors(other)?) else {
-            return Ok(false);
-        };
-        Ok(own.beyond <= beyond_structure * others.beyond)
+        Ok(self.confirm_errors(fitted)?.is_some_and(|own| own.beyond <= goal.beyond))
     }
 
     /// The squared errors of a model on the validation runs; `None` if it cannot be simulated on them.

@@ -5,6 +5,7 @@
 //! base, effects and terms together. The validation runs choose among them: within [`Thresholds::term_alike`](crate::diagnose::Thresholds::term_alike) of the least squared error the simplest wins,
 //! and the others are its class.
 
+use super::around::{Damper, WithTerm};
 use super::nuisance::{KnownStructure, Sides};
 use super::resonance::has_no_peak;
 use super::screen::Pair;
@@ -58,7 +59,8 @@ struct Refitted {
     gains: Vec<f64>,
 }
 
-/// The best term, or the one that came closest with the reason why it was not accepted.
+/// The best term, or the one that came closest with the reason why it was not accepted. Gives up if the best term leaves a squared error on the
+/// validation runs that is far from `goal`, N².
 pub(super) fn settle(
     search: &Search,
     current: &Fitted,
@@ -66,6 +68,7 @@ pub(super) fn settle(
     known: Option<&KnownStructure>,
     pairs: &[&Pair],
     blocks: &BothBlocks,
+    goal: Option<f64>,
 ) -> Result<Result<Settled, Option<RefusedTerm>>, Error> {
     let thresholds = &search.settings.thresholds;
     let mut chosen: Vec<&Pair> = pairs.iter().copied().take(BY_SCORE).collect();
@@ -75,13 +78,17 @@ pub(super) fn settle(
     let is_resonance = |pair: &&Pair| pair.form == Form::Resonance && pair.score > 0.0;
     chosen.extend(by_training.iter().skip(BY_TRAINING).filter(|pair| is_resonance(pair)));
     chosen.extend(by_training.into_iter().take(BY_TRAINING));
-    let alone = |pair: &&Pair| alone(search, sides, &current.model, pair);
+    let damper = Damper::new(&current.model, search.train);
+    let alone = |pair: &&Pair| alone(search, sides, &current.model, damper.as_ref(), pair);
     let alone: Vec<Option<Alone>> = chosen.par_iter().map(alone).collect::<Result<_, Error>>()?;
     let mut refits: Vec<Alone> = alone.into_iter().flatten().collect();
     refits.retain(|one| is_sound(&one.term));
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
     // The base was fitted while the effect was there, which has bent it, so the rivals of the best are fitted with it.
     let least = refits.first().map_or(0.0, |best| best.squares);
+    if goal.is_some_and(|goal| least > thresholds.term_far * goal) {
+        return Ok(Err(None));
+    }
     refits.truncate(
         refits.partition_point(|one| one.squares <= thresholds.term_rival * least).min(MOST_RIVALS),
     );
@@ -140,8 +147,16 @@ fn last_term(fitted: &Fitted) -> Option<Term> {
 }
 
 /// The term of `pair` with its numbers refitted, everything else as it is; `None` if it cannot be simulated.
-fn alone(search: &Search, sides: &Sides, model: &Augmented, pair: &Pair) -> Result<Option<Alone>, Error> {
-    let Some(fitted) = refit_term(search, sides, model, pair.term()?)? else { return Ok(None) };
+fn alone(
+    search: &Search,
+    sides: &Sides,
+    model: &Augmented,
+    damper: Option<&Damper>,
+    pair: &Pair,
+) -> Result<Option<Alone>, Error> {
+    let damper = damper.filter(|_| !pair.modulator.acts_on_input());
+    let problem = OfTerm { search, sides, model, damper, start: pair.term()? };
+    let Some(fitted) = problem.solve()? else { return Ok(None) };
     let Some(confirmed) = Fitted::as_is(fitted.model, search.confirm) else { return Ok(None) };
     let (weights, _) = sides.fit(&fitted.residual_n);
     let rest_n = sides.confirm.nuisance.without(confirmed.residual_n, &weights);
@@ -175,43 +190,42 @@ fn jointly(
     }
 }
 
-/// `model` with `start`, its numbers refitted with everything else as it is and the nuisance space projected off.
-fn refit_term(
-    search: &Search,
-    sides: &Sides,
-    model: &Augmented,
-    start: Term,
-) -> Result<Option<Fitted>, Error> {
-    let problem = OfTerm { search, sides, model, start };
-    let bounds: Vec<[f64; 2]> = bounds_of_term(&start).collect();
-    let stop = Stop { evaluations: OF_TERM, cost: 1e-5, step: 1e-5 };
-    let found = minimise(&problem, start.values(), &bounds, &stop).ok_or(Error::Cancelled)?;
-    Ok(problem.fitted(&found.parameters))
-}
-
-/// The fit of a term's numbers as the solver sees it.
+/// The fit of the numbers of the term `start`, with everything else in `model` as it is and the nuisance space projected off.
 struct OfTerm<'a> {
     search: &'a Search<'a>,
     sides: &'a Sides<'a>,
     model: &'a Augmented,
+    /// The damper of `model`, if its force does not depend on the term.
+    damper: Option<&'a Damper<'a>>,
     start: Term,
 }
 
 impl OfTerm<'_> {
-    fn fitted(&self, values: &[f64]) -> Option<Fitted> {
-        let model = with_term(self.model, self.start.with_values(values)?).ok()?;
-        Fitted::as_is(model, self.search.train)
+    /// The model with the best numbers; `None` if it cannot be simulated.
+    fn solve(&self) -> Result<Option<Fitted>, Error> {
+        let bounds: Vec<[f64; 2]> = bounds_of_term(&self.start).collect();
+        let stop = Stop { evaluations: OF_TERM, cost: 1e-5, step: 1e-5 };
+        let found = minimise(self, self.start.values(), &bounds, &stop).ok_or(Error::Cancelled)?;
+        Ok(self.start.with_values(&found.parameters).and_then(|term| self.simulated(term)))
     }
 
-    /// Derivatives of the simulated force by the numbers of the term, which are the last ones of the model.
-    fn columns(&self, fitted: &Fitted, count: usize) -> Option<Vec<Vec<f64>>> {
+    fn simulated(&self, term: Term) -> Option<Fitted> {
+        Fitted::as_is(with_term(self.model, term).ok()?, self.search.train)
+    }
+
+    /// The force with `term`, and its derivatives by the numbers of the term, which are the last ones of the model.
+    fn with(&self, term: Term) -> Option<WithTerm> {
+        if let Some(damper) = self.damper {
+            return damper.with(&term);
+        }
+        let fitted = self.simulated(term)?;
         let joint = Joint { base_moves: false, ..self.search.joint };
         let space = Space::new(&fitted.model, joint.scales, joint.ranges, joint.base_moves).ok()?;
         let values = space.values();
-        let first = values.len() - count;
+        let first = values.len() - term.values().len();
         let wanted: Vec<bool> = (0..values.len()).map(|number| number >= first).collect();
         let all = columns(&joint, &space, &values, &fitted.predicted_n, &wanted, Nearby::new())?;
-        Some(all.into_iter().skip(first).collect())
+        Some(WithTerm { predicted_n: fitted.predicted_n, columns: all.into_iter().skip(first).collect() })
     }
 }
 
@@ -221,14 +235,15 @@ impl Problem for OfTerm<'_> {
             return None;
         }
         let n = values.len();
-        let fitted = self.fitted(values);
-        let columns = fitted.as_ref().and_then(|fitted| self.columns(fitted, n));
-        let (Some(fitted), Some(columns)) = (fitted, columns) else {
+        let Some(WithTerm { predicted_n, columns }) =
+            self.start.with_values(values).and_then(|term| self.with(term))
+        else {
             return Some(Normal::impossible(n));
         };
         let nuisance = &self.sides.train.nuisance;
-        let (weights, cost) = self.sides.fit(&fitted.residual_n);
-        let rest_n = nuisance.without(fitted.residual_n, &weights);
+        let residual_n = self.search.train.residual(&predicted_n);
+        let (weights, cost) = self.sides.fit(&residual_n);
+        let rest_n = nuisance.without(residual_n, &weights);
         let projected: Vec<Vec<f64>> =
             columns.iter().map(|column| nuisance.project(column.clone())).collect();
         Some(Normal {

@@ -244,7 +244,7 @@ impl Terms {
 
 /// State of terms: the signals that arguments come from, and the filter of each term.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct TermsState<R = f64> {
+pub(crate) struct TermsState<R = f64> {
     signals: Signals<R>,
     /// Used by resonances only.
     filters: [Resonator<R>; MAX_TERMS],
@@ -278,16 +278,46 @@ pub(super) fn step<R: Number>(
         }
     }
     let force_n = inside.run(&changed)?;
-    if !force_n.re().is_finite() {
-        return Some(force_n);
+    Some(if force_n.re().is_finite() {
+        add(terms, state, inputs, force_n, inside.offset_n())
+    } else {
+        force_n
+    })
+}
+
+/// One sample of terms around a damper whose force is known: `force_n`, which has the terms that act on an input already, plus the others.
+#[inline]
+pub(crate) fn around<R: Real>(
+    terms: &Terms<R>,
+    state: &mut TermsState<R>,
+    inputs: &Inputs<R>,
+    force_n: f64,
+    offset_n: f64,
+) -> R {
+    state.signals.before_force(inputs);
+    match R::from(force_n) {
+        force_n if force_n.re().is_finite() => add(terms, state, inputs, force_n, offset_n),
+        force_n => force_n,
     }
-    signals.after_force(inputs, force_n - inside.offset_n());
+}
+
+/// `force_n` with the terms that do not act on an input. The signals of the sample are those before the force.
+#[inline]
+fn add<R: Real>(
+    terms: &Terms<R>,
+    state: &mut TermsState<R>,
+    inputs: &Inputs<R>,
+    force_n: R,
+    offset_n: f64,
+) -> R {
+    let TermsState { signals, filters, extrapolates } = state;
+    signals.after_force(inputs, force_n - offset_n);
     let mut sum_n = force_n;
     for (term, filter) in terms.iter().zip(filters).filter(|(term, _)| !term.modulator.acts_on_input()) {
         let by = change(term, filter, signals, inputs, extrapolates);
         sum_n = sum_n + by * term.modulator.value(signals, inputs);
     }
-    Some(sum_n)
+    sum_n
 }
 
 /// c g(q).
