@@ -57,6 +57,12 @@ struct Series {
     trace: Trace,
 }
 
+impl Series {
+    fn is(&self, quantity: Quantity, mapped: bool) -> bool {
+        self.role == Role::Known(quantity) && self.mapped == mapped
+    }
+}
+
 /// A topic that may belong to the run.
 struct Topic {
     name: String,
@@ -78,9 +84,14 @@ struct Topic {
 
 impl Topic {
     fn trace(&self, quantity: Quantity, mapped: bool) -> Option<&Trace> {
-        let is_it = |series: &&Series| series.role == Role::Known(quantity) && series.mapped == mapped;
-        let series = self.series.iter().find(is_it)?;
+        let series = self.series.iter().find(|series| series.is(quantity, mapped))?;
         (!series.trace.is_empty()).then_some(&series.trace)
+    }
+
+    /// The same without its samples in the topic afterwards: a long run is in memory once.
+    fn take_trace(&mut self, quantity: Quantity, mapped: bool) -> Option<Trace> {
+        let series = self.series.iter_mut().find(|series| series.is(quantity, mapped))?;
+        (!series.trace.is_empty()).then(|| std::mem::take(&mut series.trace))
     }
 
     fn message(&mut self, log_time: Result<i64, LogTimeFault>, data: &[u8], unpacker: &mut MessageUnpacker) {
@@ -283,12 +294,15 @@ impl Bag<'_> {
         let mut by_name = Vec::new();
         let mut take = |quantity| {
             let mapped = options.map.of(quantity).is_some();
-            let mut topics = self.topics.iter().filter(|topic| mapped || topic.namespace == namespace);
-            let (topic, trace) = topics.find_map(|topic| Some((topic, topic.trace(quantity, mapped)?)))?;
+            let mut topics = self.topics.iter_mut().filter(|topic| mapped || topic.namespace == namespace);
+            let (name, trace) = topics.find_map(|topic| {
+                let trace = topic.take_trace(quantity, mapped)?;
+                Some((topic.name.clone(), trace))
+            })?;
             if !mapped {
-                by_name.push(format!("{} as {}", topic.name, topic_of(quantity)));
+                by_name.push(format!("{name} as {}", topic_of(quantity)));
             }
-            Some((topic.name.clone(), trace.clone()))
+            Some((name, trace))
         };
         let plain = |taken: Option<(String, Trace)>| taken.map(|(_, trace)| trace);
         run.displacement_m = plain(take(Quantity::Displacement)).unwrap_or_default();

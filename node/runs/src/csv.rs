@@ -442,17 +442,17 @@ impl<'a> Table<'a> {
                 notes.push(Note::EmptyCells { column: header.clone(), count: empty });
             }
             // If all cells of a column are empty, the channel was not recorded.
-            let recorded = (!trace.is_empty()).then_some(trace.clone());
+            let recorded = |trace: Trace| (!trace.is_empty()).then_some(trace);
             match what {
                 Use::Time => {}
                 Use::Known(Quantity::Displacement, _) => run.displacement_m = trace,
-                Use::Known(Quantity::Velocity, _) => run.velocity_m_s = recorded,
-                Use::Known(Quantity::Force, _) => run.force_n = recorded,
-                Use::Known(Quantity::CaseTemperature, _) => run.case_temp_c = recorded,
-                Use::Known(Quantity::BodyVelocity, _) => run.body_velocity_m_s = recorded,
-                Use::Known(Quantity::ForceRequest, _) => run.force_request_n = recorded,
-                Use::Known(Quantity::Current, _) => drives[0] = recorded.map(|trace| (header, trace)),
-                Use::Known(Quantity::Command, _) => drives[1] = recorded.map(|trace| (header, trace)),
+                Use::Known(Quantity::Velocity, _) => run.velocity_m_s = recorded(trace),
+                Use::Known(Quantity::Force, _) => run.force_n = recorded(trace),
+                Use::Known(Quantity::CaseTemperature, _) => run.case_temp_c = recorded(trace),
+                Use::Known(Quantity::BodyVelocity, _) => run.body_velocity_m_s = recorded(trace),
+                Use::Known(Quantity::ForceRequest, _) => run.force_request_n = recorded(trace),
+                Use::Known(Quantity::Current, _) => drives[0] = recorded(trace).map(|trace| (header, trace)),
+                Use::Known(Quantity::Command, _) => drives[1] = recorded(trace).map(|trace| (header, trace)),
                 Use::Known(quantity, _) => run.other.push((quantity.si_name().to_owned(), trace)),
                 Use::Other => {
                     let resembled = Column::resembles(&header);
