@@ -207,6 +207,17 @@ struct Choice<'a> {
     stage: &'a dyn Fn(Stage),
 }
 
+/// A structure, identified on the training runs; if these hold one level of the drive, without the drive.
+fn identified(spec: ModelSpec, runs: &Runs, options: &Options, watch: &Watch) -> Result<Model, Error> {
+    let identified = |spec| identify_datasets(spec, runs.estimate, options, watch);
+    match identified(spec) {
+        Err(Error::Identify(IdentifyError::ConstantDrive { .. })) => {
+            Ok(identified(ModelSpec::new(spec.structure(), Form::Passive)?)?.model)
+        }
+        identified => Ok(identified?.model),
+    }
+}
+
 impl Choice<'_> {
     /// Identifies a structure on the training runs.
     fn begun(&self, spec: ModelSpec) -> Result<Candidate, Error> {
@@ -215,7 +226,10 @@ impl Choice<'_> {
                 let restarts = self.options.restarts.min(LAW_RESTARTS);
                 self.candidate(self.identified_law(spec, restarts)?, restarts)
             }
-            _ => self.candidate(self.identified(spec, self.options)?, self.options.restarts),
+            _ => {
+                let model = identified(spec, self.runs, self.options, self.watch)?;
+                self.candidate(model, self.options.restarts)
+            }
         }
     }
 
@@ -286,27 +300,17 @@ impl Choice<'_> {
         Ok(all)
     }
 
-    /// Identifies a structure on the training runs; if these hold one level of the drive, without the drive.
-    fn identified(&self, spec: ModelSpec, options: &Options) -> Result<Model, Error> {
-        let identified = |spec| identify_datasets(spec, self.runs.estimate, options, self.watch);
-        match identified(spec) {
-            Err(Error::Identify(IdentifyError::ConstantDrive { .. })) => {
-                Ok(identified(ModelSpec::new(spec.structure(), Form::Passive)?)?.model)
-            }
-            identified => Ok(identified?.model),
-        }
-    }
-
     /// A force law with the degree that has the least squared error on the validation runs.
     fn identified_law(&self, spec: ModelSpec, restarts: u32) -> Result<Model, Error> {
-        let identified = |degree| -> Result<(f64, Model), Error> {
-            let model = self.identified(spec, &Options { restarts, degree, ..self.options.clone() })?;
-            let fitted = test_runs::fitted(&self.confirm, &model.augmented());
+        let Self { options, runs, ref confirm, watch, .. } = *self;
+        let with_degree = |degree| -> Result<(f64, Model), Error> {
+            let model = identified(spec, runs, &Options { restarts, degree, ..options.clone() }, watch)?;
+            let fitted = test_runs::fitted(confirm, &model.augmented());
             // A model that diverges on the validation runs may still be the only one.
             Ok((fitted.map_or(f64::INFINITY, |fit| fit.squares), model))
         };
-        let [first, second] = LAW_DEGREES.map(identified);
-        match (first, second) {
+        let [first, second] = LAW_DEGREES;
+        match rayon::join(|| with_degree(first), || with_degree(second)) {
             (Ok(first), Ok(second)) => Ok(if second.0 < first.0 { second.1 } else { first.1 }),
             (Err(Error::Cancelled), _) | (_, Err(Error::Cancelled)) => Err(Error::Cancelled),
             (Ok((_, model)), Err(_)) | (Err(_), Ok((_, model))) => Ok(model),
