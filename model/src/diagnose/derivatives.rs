@@ -30,6 +30,10 @@ pub(super) fn columns(
 ) -> Option<Vec<Vec<f64>>> {
     known.resize(at.len(), None);
     let needed: Vec<usize> = (0..at.len()).filter(|&j| wanted[j] && known[j].is_none()).collect();
+    let solved = match space.model(at) {
+        Some(model) if !needed.is_empty() => joint.rows.solved(&model),
+        _ => Vec::new(),
+    };
     let found: Option<Vec<Vec<Vec<f64>>>> = needed
         .par_chunks(DIRECTIONS)
         .map(|numbers| {
@@ -37,7 +41,7 @@ pub(super) fn columns(
                 return None;
             }
             Some(match on_jets(space, at, numbers) {
-                Some(model) => joint.rows.derivatives(&model, numbers.len()),
+                Some(model) => joint.rows.derivatives(&model, &solved, numbers.len()),
                 None => numbers.iter().map(|j| difference(joint, space, at, predicted_n, *j)).collect(),
             })
         })
@@ -71,4 +75,49 @@ fn difference(joint: &Joint, space: &Space, at: &[f64], predicted_n: &[f64], j: 
     let Some(mut by) = by else { return vec![0.0; predicted_n.len()] };
     joint.rows.centre(&mut by);
     by
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::ranges::Ranges;
+    use crate::diagnose::rows::{Rows, dot};
+    use crate::effect::{Augmented, Effect, EffectModel, Effects};
+    use crate::identify::{
+        Dataset, DatasetOptions, Form, ModelSpec, Options, Scales, Structure, Watch, identify_datasets,
+    };
+    use crate::rig::{Channels, Experiment, Plant, record};
+
+    #[test]
+    fn derivatives_behind_a_spring_are_those_of_differences() {
+        let run = record(&Experiment::sine(0.01, 2.0, 1.0, 3.0), &Plant::default(), &Channels::default(), 1);
+        let data = [Dataset::from_run(&run, &Default::default(), &DatasetOptions::default()).expect("rows")];
+        let spec =
+            ModelSpec::new(Structure::Law(crate::force::ForceLaw::BoucWen), Form::Passive).expect("a spec");
+        let options = Options { restarts: 1, ..Options::default() };
+        let base =
+            identify_datasets(spec, &data, &options, &Watch::default()).expect("it is identified").model;
+        let effect = |effect, value| EffectModel::new(effect, &[value]).expect("it is in its range");
+        let effects = Effects::new(&[effect(Effect::SeriesSpring, 1e-6)]).expect("one effect");
+        let model = Augmented::new(base.force, effects).expect("a model");
+        let rows = Rows::new(&data, 400);
+        let joint = Joint {
+            rows: &rows,
+            scales: Scales::of(&data).expect("scales"),
+            ranges: Ranges::default(),
+            base_moves: true,
+            watch: &Watch::default(),
+        };
+        let space = Space::new(&model, joint.scales, joint.ranges, true).expect("a space");
+        let (at, predicted_n) = (space.values(), rows.predict(&model).expect("it is finite"));
+        let all = vec![true; at.len()];
+        let found = columns(&joint, &space, &at, &predicted_n, &all, Nearby::new()).expect("not cancelled");
+        for (j, column) in found.iter().enumerate() {
+            let expected = difference(&joint, &space, &at, &predicted_n, j);
+            let missed: Vec<f64> = column.iter().zip(&expected).map(|(a, b)| a - b).collect();
+            let share = (dot(&missed, &missed) / dot(&expected, &expected)).sqrt();
+            // The spring passes each change of branch of the law on to all later samples, where a difference lies between two derivatives.
+            assert!(share < 2e-2, "number {j}: {share}");
+        }
+    }
 }

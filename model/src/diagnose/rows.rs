@@ -6,7 +6,7 @@
 
 use super::cycle::Cycles;
 use crate::condition::{ApplyTo, LowPassState};
-use crate::effect::{Augmented, AugmentedOnJets, JetState, Need};
+use crate::effect::{Augmented, AugmentedOnJets, AugmentedState, JetState, Need, Solved};
 use crate::force::jet::Jet;
 use crate::identify::{Dataset, walk};
 pub(super) use crate::statistics::dot;
@@ -94,9 +94,28 @@ impl RunRows<'_> {
         (finite && predicted.len() == indices.len()).then_some(predicted)
     }
 
+    /// See [`Rows::solved`].
+    fn solved(&self, model: &Augmented) -> Option<Solved> {
+        let mut solved = Solved::of(model)?;
+        let (mut state, needs_drive) = (AugmentedState::default(), model.force().drive().is_some());
+        for row in &self.dataset.rows {
+            if row.dt_s.is_none() {
+                state = AugmentedState::default();
+            }
+            let driven = !needs_drive || row.drive.is_finite();
+            let force_n = if driven { model.free_run(&mut state, &row.inputs()) } else { None };
+            solved.push(force_n, &state);
+        }
+        Some(solved)
+    }
+
     /// Derivatives of the simulated force of `model` at the selected rows, for each direction; `None` if the force is not finite on one of
     /// them. As in [`walk`], with a new state for each segment.
-    fn derivatives<const N: usize>(&self, model: &AugmentedOnJets<N>) -> Option<Vec<[f64; N]>> {
+    fn derivatives<const N: usize>(
+        &self,
+        model: &AugmentedOnJets<N>,
+        solved: Option<&Solved>,
+    ) -> Option<Vec<[f64; N]>> {
         let Dataset { conditioning, rows, .. } = self.dataset;
         let filter = (conditioning.apply_to == ApplyTo::Output).then(|| conditioning.low_pass());
         let (mut state, mut output) = (JetState::default(), None);
@@ -106,6 +125,9 @@ impl RunRows<'_> {
                 (state, output) = (JetState::default(), None);
             }
             let driven = !model.needs_drive() || row.drive.is_finite();
+            if let Some(solved) = solved {
+                solved.prepare(index, &mut state);
+            }
             let force = if driven { model.free_run(&mut state, &row.inputs()) } else { None };
             let force = force.filter(|jet| jet.re.is_finite());
             let by = force.map(|Jet { by, .. }| match &filter {
@@ -234,14 +256,21 @@ impl<'a> Rows<'a> {
         self.concatenated(|run| run.predict_changed(model, change))
     }
 
+    /// The force that an effect of `model` solves for in each run, for [`Rows::derivatives`] of the same model; `None` if no effect does.
+    pub(super) fn solved(&self, model: &Augmented) -> Vec<Option<Solved>> {
+        self.runs.par_iter().map(|run| run.solved(model)).collect()
+    }
+
     /// Derivatives of the simulated force of `model` over all runs, each run's mean removed, one series for each of the first `count`
-    /// directions. Zeros where they are not finite.
+    /// directions. Zeros where they are not finite. `solved` is [`Rows::solved`] of the same model.
     pub(super) fn derivatives<const N: usize>(
         &self,
         model: &AugmentedOnJets<N>,
+        solved: &[Option<Solved>],
         count: usize,
     ) -> Vec<Vec<f64>> {
-        let found = self.concatenated(|run| run.derivatives(model)).unwrap_or_default();
+        let of_run = |(run, solved): (&RunRows, &Option<Solved>)| run.derivatives(model, solved.as_ref());
+        let found = self.joined(self.runs.par_iter().zip(solved).map(of_run)).unwrap_or_default();
         let series = |direction: usize| {
             let mut series: Vec<f64> = found.iter().map(|by| by[direction]).collect();
             if series.len() != self.len() || !series.iter().all(|value| value.is_finite()) {
@@ -258,7 +287,12 @@ impl<'a> Rows<'a> {
         &self,
         of_run: impl Fn(&RunRows) -> Option<Vec<T>> + Sync + Send,
     ) -> Option<Vec<T>> {
-        let parts: Vec<Option<Vec<T>>> = self.runs.par_iter().map(of_run).collect();
+        self.joined(self.runs.par_iter().map(of_run))
+    }
+
+    /// The series of all runs as one; `None` if one is missing.
+    fn joined<T: Send>(&self, parts: impl IndexedParallelIterator<Item = Option<Vec<T>>>) -> Option<Vec<T>> {
+        let parts: Vec<Option<Vec<T>>> = parts.collect();
         let mut all = Vec::with_capacity(self.len());
         for part in parts {
             all.extend(part?);

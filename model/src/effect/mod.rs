@@ -105,7 +105,7 @@ pub mod term;
 
 pub use definition::{Need, Parameter, Unit};
 pub use run::{Augmented, AugmentedState, EffectModel, Effects};
-pub(crate) use run::{AugmentedOnJets, JetState};
+pub(crate) use run::{AugmentedOnJets, JetState, Solved};
 
 pub(crate) use definition::Layer;
 

@@ -102,6 +102,8 @@ pub(super) struct EffectState<R: Real = f64> {
     pub(super) coefficients: [Coefficients<R>; 2],
     pub(super) held: [R; 3],
     pub(super) ring: Ring<R>,
+    /// Solution of the next sample, if it is known: see [`Solved`].
+    pub(super) solved: Option<[f64; 2]>,
 }
 
 impl<R: Number> EffectState<R> {
@@ -539,6 +541,36 @@ impl Augmented {
     #[inline]
     pub fn free_run(&self, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
         self.effects.free_run(&self.force, state, inputs)
+    }
+}
+
+/// The force that an effect has solved for at each sample of a simulation, for a simulation of the same model with derivatives.
+#[derive(Debug, Clone)]
+pub(crate) struct Solved {
+    /// Place of the effect.
+    index: usize,
+    /// Force, N, and slope; `None` for a sample without a force.
+    samples: Vec<Option<[f64; 2]>>,
+}
+
+impl Solved {
+    /// Without samples; `None` if `model` has no effect that solves for its force by trials.
+    pub(crate) fn of(model: &Augmented) -> Option<Self> {
+        let index = model.effects.position(Effect::SeriesSpring)?;
+        let by_slope = index == 0 && model.force.along(0.0).is_some();
+        (!by_slope).then(|| Self { index, samples: Vec::new() })
+    }
+
+    /// Adds a sample at which the model has `force_n`, and then `state`.
+    pub(crate) fn push(&mut self, force_n: Option<f64>, state: &AugmentedState) {
+        let [own_n, _, slope] = state.effects[self.index].held;
+        self.samples.push(force_n.map(|_| [own_n, slope]));
+    }
+
+    /// Prepares `state` for sample number `index`.
+    #[inline]
+    pub(crate) fn prepare<const N: usize>(&self, index: usize, state: &mut JetState<N>) {
+        state.effects[self.index].solved = self.samples.get(index).copied().flatten();
     }
 }
 

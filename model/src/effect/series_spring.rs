@@ -28,6 +28,8 @@
 //!   known to be too low and too high, and the interval is bisected if a secant step does not halve the error. When the error is
 //!   small, one last secant step gives F, and the model keeps the state of the last trial. Each trial starts from the state before the
 //!   sample.
+//! - With derivatives, the secant method starts at force and slope of a simulation of the same model without them
+//!   ([`super::Solved`]), and takes one trial.
 //! - If a Newton step is from 1 to 2 % long, the next correction is added with a weight that grows smoothly from 0 to 1. Scores and
 //!   derivatives are differences of this force, and a threshold would show in them.
 //!
@@ -88,12 +90,13 @@ impl Definition for SeriesSpring {
             force_rate_n_s,
         });
         let spring = Spring { compliance_m_n, offset_n: inside.offset_n(), before };
-        let newton = Newton::search(&spring, slope.re(), inputs, inside);
+        let newton = Newton::search(&spring, slope.re(), state.solved.take(), inputs, inside);
         let found = if newton.unsure > 0.0 {
             // The model is stepped even if it gives no force: it may be filling its history.
             let mut trials = inside.trials();
             let model = |force_n: R| trials.step(&spring.behind(inputs, force_n));
-            solve(newton.at_n, newton.slope, spring.offset_n, model).map(|found| newton.then(found))
+            let found = solve((newton.at_n, newton.slope), newton.is_known, spring.offset_n, model);
+            found.map(|found| newton.then(found))
         } else {
             Some((newton.force_n, newton.slope))
         };
@@ -159,18 +162,33 @@ struct Newton<R> {
     slope: f64,
     /// Weight of the steps to come: 0 after a short step, 1 if no step was short, with a smooth transition.
     unsure: f64,
+    /// Force and slope were solved in a simulation without derivatives.
+    is_known: bool,
 }
 
 impl<R: Number> Newton<R> {
     /// Starts at the extrapolated force and takes steps until one is short, if the model can give its slope. Stops at [`NEWTONS`] steps,
-    /// or at a step that is not possible.
+    /// or at a step that is not possible. If the model cannot give its slope, stops where force and slope are `solved` already.
     #[inline]
-    fn search(spring: &Spring<R>, slope: f64, inputs: &Inputs<R>, inside: &Inside<R>) -> Self {
-        let start = |force_n, slope| Self { force_n, at_n: force_n, slope, unsure: 1.0 };
-        let Some(before) = &spring.before else { return start(R::from(spring.offset_n), 1.0) };
-        let mut newton = start(before.guess_n, slope);
+    fn search(
+        spring: &Spring<R>,
+        slope: f64,
+        solved: Option<[f64; 2]>,
+        inputs: &Inputs<R>,
+        inside: &Inside<R>,
+    ) -> Self {
+        let start = |force_n, slope, is_known| Self { force_n, at_n: force_n, slope, unsure: 1.0, is_known };
+        let Some(before) = &spring.before else { return start(R::from(spring.offset_n), 1.0, false) };
         // Without derivatives, so that values are enough here.
-        let Some(model) = inside.along(inputs.drive.re()) else { return newton };
+        let Some(model) = inside.along(inputs.drive.re()) else {
+            return match solved {
+                Some([force_n, slope]) => {
+                    start(before.guess_n + (force_n - before.guess_n.re()), slope, true)
+                }
+                None => start(before.guess_n, slope, false),
+            };
+        };
+        let mut newton = start(before.guess_n, slope, false);
         let compliance_m_n = spring.compliance_m_n.re();
         let way = Way { displacement_m: -compliance_m_n, velocity_m_s: -compliance_m_n * before.per_s };
         for _ in 0..NEWTONS {
@@ -215,15 +233,16 @@ impl<R: Number> Newton<R> {
     }
 }
 
-/// Solves `model(F) = F` and returns F and the slope of F - model(F). Starts from `guess_n` and `slope`, which change little from sample
-/// to sample. `None` if the model gives no force at a trial, or if the trials do not enclose a solution.
+/// Solves `model(F) = F` and returns F and the slope of F - model(F). Starts from the force and slope of `guess`, which change little from
+/// sample to sample. If they are `known`, and the first trial confirms them, it is the last. `None` if the model gives no force at a trial, or
+/// if the trials do not enclose a solution.
 fn solve<R: Number>(
-    guess_n: R,
-    slope: f64,
+    guess: (R, f64),
+    known: bool,
     offset_n: f64,
     mut model: impl FnMut(R) -> Option<R>,
 ) -> Option<(R, f64)> {
-    let (mut force_n, mut slope) = (guess_n, slope);
+    let (mut force_n, mut slope) = guess;
     // Bounds of the root known so far.
     let [mut low_n, mut high_n] = [f64::NEG_INFINITY, f64::INFINITY];
     let (mut last, mut reach) = (None, 1.0);
@@ -248,6 +267,8 @@ fn solve<R: Number>(
                 return Some((force_n - excess / slope, slope));
             }
             slow = excess_n.abs() > 0.5 * f64::abs(excess_before_n);
+        } else if known && excess_n.abs() <= R::SOLVED * size_n {
+            return Some((force_n - excess / slope, slope));
         }
         last = Some((at_n, excess_n));
         let step_n = -excess / slope;

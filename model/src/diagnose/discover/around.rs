@@ -190,7 +190,7 @@ mod tests {
                 let own = &columns[columns.len() - term.values().len()..];
                 assert_eq!(own.len(), found.columns.len());
                 for (a, b) in found.columns.iter().zip(own) {
-                    assert!(close(a, b, 1e-3), "{kind:?}, {filter:?}");
+                    assert!(close(a, b, 1e-7), "{kind:?}, {filter:?}");
                 }
             }
         }
