@@ -8,7 +8,7 @@ use super::cycle::Cycles;
 use crate::condition::{ApplyTo, LowPassState};
 use crate::effect::{Augmented, AugmentedOnJets, AugmentedState, JetState, Need, Solved};
 use crate::force::jet::Jet;
-use crate::identify::{Dataset, walk};
+use crate::identify::{Dataset, Row, walk};
 pub(super) use crate::statistics::dot;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -40,6 +40,11 @@ pub(super) struct RunRows<'a> {
     pub(super) step_s: f64,
     /// The cycles of the motion, in paired mode if it is cyclic; all rows are then within whole cycles.
     pub(super) cycles: Option<Cycles>,
+}
+
+/// True if the row has the drive that a model may need.
+pub(super) fn is_driven(needs_drive: bool, row: &Row) -> bool {
+    !needs_drive || row.drive.is_finite()
 }
 
 impl RunRows<'_> {
@@ -97,16 +102,22 @@ impl RunRows<'_> {
     /// See [`Rows::solved`].
     fn solved(&self, model: &Augmented) -> Option<Solved> {
         let mut solved = Solved::of(model)?;
-        let (mut state, needs_drive) = (AugmentedState::default(), model.force().drive().is_some());
+        self.simulate(model, |force_n, state| solved.push(force_n, state));
+        Some(solved)
+    }
+
+    /// Calls `take` at each sample with the simulated force of `model`, N, and its state after it. The force is before the filter of the output;
+    /// `None` if there is none.
+    pub(super) fn simulate(&self, model: &Augmented, mut take: impl FnMut(Option<f64>, &AugmentedState)) {
+        let mut state = AugmentedState::default();
         for row in &self.dataset.rows {
             if row.dt_s.is_none() {
                 state = AugmentedState::default();
             }
-            let driven = !needs_drive || row.drive.is_finite();
+            let driven = is_driven(model.force().drive().is_some(), row);
             let force_n = if driven { model.free_run(&mut state, &row.inputs()) } else { None };
-            solved.push(force_n, &state);
+            take(force_n, &state);
         }
-        Some(solved)
     }
 
     /// Derivatives of the simulated force of `model` at the selected rows, for each direction; `None` if the force is not finite on one of
@@ -124,7 +135,7 @@ impl RunRows<'_> {
             if row.dt_s.is_none() {
                 (state, output) = (JetState::default(), None);
             }
-            let driven = !model.needs_drive() || row.drive.is_finite();
+            let driven = is_driven(model.needs_drive(), row);
             if let Some(solved) = solved {
                 solved.prepare(index, &mut state);
             }
@@ -271,15 +282,17 @@ impl<'a> Rows<'a> {
     ) -> Vec<Vec<f64>> {
         let of_run = |(run, solved): (&RunRows, &Option<Solved>)| run.derivatives(model, solved.as_ref());
         let found = self.joined(self.runs.par_iter().zip(solved).map(of_run)).unwrap_or_default();
-        let series = |direction: usize| {
-            let mut series: Vec<f64> = found.iter().map(|by| by[direction]).collect();
-            if series.len() != self.len() || !series.iter().all(|value| value.is_finite()) {
-                return vec![0.0; self.len()];
-            }
-            self.centre(&mut series);
-            series
-        };
+        let series = |direction: usize| self.derivative(found.iter().map(|by| by[direction]).collect());
         (0..count).map(series).collect()
+    }
+
+    /// `series` as a derivative: each run's mean removed; zeros if it is not finite, or does not have every row.
+    pub(super) fn derivative(&self, mut series: Vec<f64>) -> Vec<f64> {
+        if series.len() != self.len() || !series.iter().all(|value| value.is_finite()) {
+            return vec![0.0; self.len()];
+        }
+        self.centre(&mut series);
+        series
     }
 
     /// The series that `of_run` gives, run by run; `None` if it gives none for one run.

@@ -9,11 +9,11 @@
 
 use super::series::Filters;
 use super::with_term;
-use crate::diagnose::rows::{Rows, RunRows};
+use crate::diagnose::rows::{Rows, RunRows, is_driven};
+use crate::effect::Augmented;
 use crate::effect::term::{MAX_TERM_VALUES, Term, Terms, TermsState, around};
-use crate::effect::{Augmented, AugmentedState};
 use crate::force::jet::Jet;
-use crate::identify::Row;
+use rayon::prelude::*;
 
 /// A force with its derivatives by the numbers of a term.
 type ByTerm = Jet<MAX_TERM_VALUES>;
@@ -44,17 +44,11 @@ impl<'a> Damper<'a> {
             effects.terms().iter().filter(|term| term.kind().0.acts_on_input()).copied().collect();
         let inside = Augmented::new(*model.force(), effects.with_terms(Terms::new(&on_inputs).ok()?)).ok()?;
         let of_run = |run: &RunRows| {
-            let mut state = AugmentedState::default();
-            let of_row = |row: &Row| {
-                if row.dt_s.is_none() {
-                    state = AugmentedState::default();
-                }
-                let driven = is_driven(model, row);
-                driven.then(|| inside.free_run(&mut state, &row.inputs())).flatten().unwrap_or(f64::NAN)
-            };
-            run.dataset.rows.iter().map(of_row).collect()
+            let mut force_n = Vec::with_capacity(run.dataset.rows.len());
+            run.simulate(&inside, |simulated_n, _| force_n.push(simulated_n.unwrap_or(f64::NAN)));
+            force_n
         };
-        Some(Self { model, rows, force_n: rows.runs().iter().map(of_run).collect() })
+        Some(Self { model, rows, force_n: rows.runs().par_iter().map(of_run).collect() })
     }
 
     /// The damper with `term`, which must not act on an input, beside the terms of the model. `None` if the force is not finite at a row.
@@ -69,7 +63,7 @@ impl<'a> Damper<'a> {
             Some(_) => Jet::from(value),
             None => Jet::variable(value, own.next().unwrap_or_default()),
         });
-        let offset_n = model.force().force_offset_n();
+        let (needs_drive, offset_n) = (model.force().drive().is_some(), model.force().force_offset_n());
         let mut series: Vec<Vec<f64>> = vec![Vec::with_capacity(self.rows.len()); 1 + count];
         for (run, force_n) in self.rows.runs().iter().zip(&self.force_n) {
             let mut filters = Filters::new(&run.dataset.conditioning, 1 + count);
@@ -80,7 +74,7 @@ impl<'a> Damper<'a> {
                     state = TermsState::default();
                 }
                 let is_row = wanted.next_if(|next| **next == index).is_some();
-                let force = match is_driven(&model, row) {
+                let force = match is_driven(needs_drive, row) {
                     true => around(&terms, &mut state, &row.inputs().lifted(), *force_n, offset_n),
                     false => ByTerm::from(f64::NAN),
                 };
@@ -94,21 +88,9 @@ impl<'a> Damper<'a> {
                 }
             }
         }
-        let mut columns = series.split_off(1);
-        for column in &mut columns {
-            // As in Rows::derivatives: a derivative that is not finite moves nothing.
-            if !column.iter().all(|value| value.is_finite()) {
-                column.fill(0.0);
-            }
-            self.rows.centre(column);
-        }
+        let columns = series.split_off(1).into_iter().map(|column| self.rows.derivative(column)).collect();
         series.pop().map(|predicted_n| WithTerm { predicted_n, columns })
     }
-}
-
-/// True if the row has the drive that the model may need.
-fn is_driven(model: &Augmented, row: &Row) -> bool {
-    model.force().drive().is_none() || row.drive.is_finite()
 }
 
 #[cfg(test)]

@@ -278,11 +278,7 @@ pub(super) fn step<R: Number>(
         }
     }
     let force_n = inside.run(&changed)?;
-    Some(if force_n.re().is_finite() {
-        add(terms, state, inputs, force_n, inside.offset_n())
-    } else {
-        force_n
-    })
+    Some(add(terms, state, inputs, force_n, inside.offset_n()))
 }
 
 /// One sample of terms around a damper whose force is known: `force_n`, which has the terms that act on an input already, plus the others.
@@ -295,13 +291,11 @@ pub(crate) fn around<R: Real>(
     offset_n: f64,
 ) -> R {
     state.signals.before_force(inputs);
-    match R::from(force_n) {
-        force_n if force_n.re().is_finite() => add(terms, state, inputs, force_n, offset_n),
-        force_n => force_n,
-    }
+    add(terms, state, inputs, R::from(force_n), offset_n)
 }
 
-/// `force_n` with the terms that do not act on an input. The signals of the sample are those before the force.
+/// `force_n` with the terms that do not act on an input; a force that is not finite stays as it is. The inputs of the sample are in the
+/// signals already.
 #[inline]
 fn add<R: Real>(
     terms: &Terms<R>,
@@ -310,6 +304,9 @@ fn add<R: Real>(
     force_n: R,
     offset_n: f64,
 ) -> R {
+    if !force_n.re().is_finite() {
+        return force_n;
+    }
     let TermsState { signals, filters, extrapolates } = state;
     signals.after_force(inputs, force_n - offset_n);
     let mut sum_n = force_n;
