@@ -1,8 +1,8 @@
 //! Simpler forms of the terms that were found.
 //!
 //! ```text
-//! candidates  constant, linear and quadratic forms of a term's own modulator and argument with at least ALIKE of its power along them; after
-//!             another term has changed, no term at all; the model is refitted with each
+//! candidates  constant, linear and quadratic forms of a term's own modulator and argument with at least ALIKE of its power along them; and,
+//!             if there are any or another term has changed, no term at all; the model is refitted with each
 //! e           squared error on the validation runs, plus the same with the space of structures projected off
 //! gain        e(no term) - e(candidate)
 //! taken       no term: neither of the two errors grows by more than least_confirmed
@@ -70,8 +70,8 @@ pub(super) fn simplify(search: &Search, found: &mut Found) -> Result<bool, Error
     Ok(found.discovery.terms.len() < most || changed && fits_better())
 }
 
-/// The best model with a simpler form of term `index`, or without the term if it is not needed, which is tried if the model has `changed` since the
-/// term was found.
+/// The best model with a simpler form of term `index`, or without the term if it is not needed: a simpler form may be that of an effect in the model,
+/// which then takes its place. `None` if there is no simpler form, unless the model has `changed` since the term was found.
 fn simpler(search: &Search, fitted: &Fitted, index: usize, changed: bool) -> Result<Option<Fitted>, Error> {
     let terms: Vec<Term> = fitted.model.effects().terms().iter().copied().collect();
     let candidates = candidates(search, fitted, &terms, index);
@@ -91,7 +91,7 @@ fn simpler(search: &Search, fitted: &Fitted, index: usize, changed: bool) -> Res
     };
     let thresholds = &search.settings.thresholds;
     let alike = 1.0 + thresholds.least_confirmed;
-    if changed && without.all <= alike * own.all && without.beyond <= alike * own.beyond {
+    if without.all <= alike * own.all && without.beyond <= alike * own.beyond {
         return Ok(Some(none));
     }
     let needed = |candidate: &Term| {
