@@ -13,7 +13,7 @@ mod subject;
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use mr_damper_model::force::{ForceModel, ForceMotion, FreeRun, Inputs};
-use mr_damper_model::identify::{Dataset, Form, ModelSpec, Options, Structure, Watch, identify_datasets};
+use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch, identify_datasets};
 use mr_damper_model::preset;
 use subject::{PIPELINES, PRESETS};
 
@@ -40,8 +40,9 @@ fn thesis(bencher: Bencher, name: &str) {
 /// if that form exists.
 #[divan::bench(args = Structure::all().into_iter().map(|structure| structure.name()).filter(|name| *name != "p"))]
 fn identified(bencher: Bencher, name: &str) {
-    let whole = peers::synth(0);
-    let data = [Dataset { rows: whole.rows[..2048].to_vec(), ..whole }];
+    let mut whole = peers::synth(0);
+    whole.rows.truncate(2048);
+    let data = [whole];
     let fit = |form| {
         let spec = ModelSpec::named(name, form)?;
         identify_datasets(spec, &data, &Options::default(), &Watch::none())

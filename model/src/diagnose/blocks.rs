@@ -30,7 +30,7 @@ impl Blocks {
         let mut of_row = Vec::with_capacity(rows.len());
         let mut count: usize = 0;
         for run in rows.runs() {
-            let times: Vec<f64> = run.times_s().collect();
+            let times = run.times_in_stretches_s();
             if let Some(cycles) = &run.cycles {
                 let together = ((length_s / cycles.period_s).round() as usize).max(1);
                 let here = (cycles.count / together).max(1);
@@ -99,7 +99,7 @@ impl Blocks {
 /// Integrated autocorrelation time of `series`, the longest over all runs, s. Its reciprocal is the rate of independent values.
 fn correlation_time_s(rows: &Rows, series: &[f64]) -> f64 {
     let of_run = |run: &super::rows::RunRows| {
-        let coarse = coarse(&run.times_s().collect::<Vec<_>>(), &series[run.range.clone()]);
+        let coarse = coarse(&run.times_in_stretches_s(), &series[run.range.clone()]);
         integrated_time(&coarse, Cutoff::FIRST_ZERO) * COARSE_S
     };
     rows.runs().iter().map(of_run).fold(0.0, f64::max)

@@ -4,6 +4,7 @@ use super::alignment::Alignment;
 use super::discover::Discovery;
 use super::paired::MeanShift;
 use super::refusal::{BaseFault, Refusal};
+use super::stretches::Searched;
 use crate::effect::{Augmented, Effect, EffectModel};
 use crate::error::Error;
 use crate::identify::{Dataset, SweptRange, sweep};
@@ -283,6 +284,8 @@ pub struct DiagnosisResult {
     pub untestable: Vec<RefusedEffect>,
     /// All scores, round by round.
     pub candidates: Vec<Candidate>,
+    /// The part of the training runs on which effects and terms were searched; `None` if it was all of it.
+    pub searched: Option<Searched>,
     /// Number of blocks of the training runs, at the least block length.
     pub blocks: usize,
     /// The validation runs, before and after.

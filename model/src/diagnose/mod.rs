@@ -28,6 +28,7 @@ mod alternative;
 mod basis;
 mod blocks;
 mod check;
+mod completion;
 mod correlation;
 mod cycle;
 mod derivative_span;
@@ -48,6 +49,7 @@ mod round;
 mod rows;
 mod score;
 mod space;
+mod stretches;
 mod structures;
 mod test_runs;
 mod thresholds;
@@ -64,12 +66,14 @@ pub use finding::{
 pub use paired::{MeanShift, reference_force_n};
 pub use ranges::Ranges;
 pub use refusal::{BaseFault, Refusal};
+pub use stretches::Searched;
 pub use structures::{Bases, close_any, default_structures};
 pub use thresholds::{Part, Scaled, Threshold, Thresholds};
 
 use crate::error::Error;
 use crate::identify::{Dataset, Watch};
 use crate::model::Model;
+use stretches::Stretches;
 
 /// The runs of a diagnosis, by purpose. Each must be conditioned as the base model is. A run may serve one purpose only.
 #[derive(Debug, Clone, Copy, Default)]
@@ -119,6 +123,9 @@ pub struct Settings {
     pub block_s: Option<f64>,
     /// Largest number of rows in the sums; with more rows only every n-th is used.
     pub most_rows: usize,
+    /// Largest number of samples of the training, validation or healthy runs that the search simulates; of longer runs it uses stretches. The model
+    /// found is fitted to all samples. In paired mode all are used.
+    pub most_samples: usize,
     /// Seed of the sign flips and of the noise that is added to inputs.
     pub seed: u64,
     /// The thresholds of its decisions.
@@ -136,6 +143,7 @@ impl Default for Settings {
             effects: EffectSet::ALL,
             ranges: Ranges::default(),
             most_rows: 60_000,
+            most_samples: Self::DEFAULT_MOST_SAMPLES,
             seed: 0,
             thresholds: Thresholds::default(),
         }
@@ -145,6 +153,9 @@ impl Default for Settings {
 impl Settings {
     /// Least length of a block on training and validation runs if [`Settings::block_s`] is `None`, s.
     pub const DEFAULT_BLOCK_S: f64 = 3.0;
+
+    /// Default of [`Settings::most_samples`]: 160 s at 512 Hz.
+    pub const DEFAULT_MOST_SAMPLES: usize = 81_920;
 
     /// Least length of a block on training and validation runs, s.
     #[must_use]
@@ -172,6 +183,8 @@ pub enum Stage {
     Alternative,
     /// The error that the effects leave is searched for this term, from 1.
     Terms(usize),
+    /// The model found on stretches of the runs is fitted to all of them.
+    Completion,
     /// The test runs are read.
     TestRuns,
 }
@@ -223,8 +236,12 @@ pub fn close(
     stage: &dyn Fn(Stage),
 ) -> Result<DiagnosisResult, Error> {
     if runs.reference.is_empty() {
-        let found = procedure::Procedure::new(base, runs, settings, watch)?.run(stage)?;
-        return discover::extend(found, runs, settings, watch, stage)?.with_sweep(runs.estimate);
+        check::check(base, runs, settings)?;
+        let stretches = Stretches::new(runs, settings.most_samples);
+        let searched = stretches.runs();
+        let found = procedure::Procedure::new(base, &searched, settings, watch)?.run(stage)?;
+        let found = discover::extend(found, &searched, settings, watch, stage)?;
+        return stretches.complete(found, settings, watch, stage)?.with_sweep(runs.estimate);
     }
     let [estimate, confirm, test] = runs
         .with_first_reference()

@@ -558,6 +558,7 @@ impl<'a> Procedure<'a> {
             refused: results.refused,
             untestable: results.untestable,
             candidates: results.candidates,
+            searched: None,
             blocks: super::blocks::Blocks::new(&self.estimate, self.settings.training_block_s()).count(),
             before: self.model(&pair.base, &confirm, |change| change.before.rsse_n),
             after: self.model(&pair.found, &confirm, |change| change.after.rsse_n),

@@ -54,6 +54,18 @@ impl RunRows<'_> {
         self.indices.iter().map(move |&k| rows[k].stamp.since(rows[0].stamp).get())
     }
 
+    /// The same; if the rows are stretches of a longer run, without the time between them.
+    pub(super) fn times_in_stretches_s(&self) -> Vec<f64> {
+        if self.is_stretches() {
+            return (0..self.indices.len()).map(|row| row as f64 * self.step_s).collect();
+        }
+        self.times_s().collect()
+    }
+
+    fn is_stretches(&self) -> bool {
+        !self.dataset.pasts.is_empty()
+    }
+
     /// Simulated force of `model` at the selected rows, N; `None` if it is not finite on one of them.
     fn predict(&self, model: &Augmented) -> Option<Vec<f64>> {
         self.predict_on(model, self.dataset)
@@ -112,7 +124,7 @@ impl RunRows<'_> {
         let mut state = AugmentedState::default();
         for row in &self.dataset.rows {
             if row.dt_s.is_none() {
-                state = AugmentedState::default();
+                state = model.begin(self.dataset.past(row));
             }
             let driven = is_driven(model.force().drive().is_some(), row);
             let force_n = if driven { model.free_run(&mut state, &row.inputs()) } else { None };
@@ -133,7 +145,7 @@ impl RunRows<'_> {
         let mut found = Vec::with_capacity(self.indices.len());
         for (index, row) in rows.iter().enumerate() {
             if row.dt_s.is_none() {
-                (state, output) = (JetState::default(), None);
+                (state, output) = (model.begin(self.dataset.past(row)), None);
             }
             let driven = is_driven(model.needs_drive(), row);
             if let Some(solved) = solved {
@@ -239,6 +251,11 @@ impl<'a> Rows<'a> {
     /// The runs.
     pub(super) fn runs(&self) -> &[RunRows<'a>] {
         &self.runs
+    }
+
+    /// True if some runs are stretches of longer ones.
+    pub(super) fn are_stretches(&self) -> bool {
+        self.runs.iter().any(RunRows::is_stretches)
     }
 
     /// The force to explain, N.

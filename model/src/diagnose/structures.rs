@@ -30,6 +30,7 @@ use super::joint::Fitted;
 use super::procedure::{Procedure, Searched};
 use super::refusal::Refusal;
 use super::rows::Rows;
+use super::stretches::Stretches;
 use super::{Runs, Settings, Stage, Thresholds, check, discover, test_runs};
 use crate::error::{DiagnosisError, Error, IdentifyError};
 use crate::force::{ForceLaw, Form};
@@ -149,8 +150,11 @@ pub fn close_any(
         return Err(DiagnosisError::BaseNeeded.into());
     }
     check::check_before_base(runs, settings)?;
-    let confirm = Rows::new(runs.confirm, settings.most_rows);
-    let choice = Choice { options: bases.options, runs, settings, confirm, watch, stage };
+    let stretches = Stretches::new(runs, settings.most_samples);
+    let searched_runs = stretches.runs();
+    let confirm = Rows::new(searched_runs.confirm, settings.most_rows);
+    let choice =
+        Choice { options: bases.options, all: runs, runs: &searched_runs, settings, confirm, watch, stage };
     let mut searched: ByStructure<Candidate> = Vec::new();
     let given = bases.given.map(|base| base.force.name());
     if let Some(base) = bases.given {
@@ -194,12 +198,16 @@ pub fn close_any(
         outcome: one.as_ref().map(row).map_err(Clone::clone),
     });
     let found = DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, &others)? };
-    discover::extend(found, runs, settings, watch, stage)?.with_sweep(runs.estimate)
+    let found = discover::extend(found, &searched_runs, settings, watch, stage)?;
+    stretches.complete(found, settings, watch, stage)?.with_sweep(runs.estimate)
 }
 
 /// The choice among structures: what all of them are identified and diagnosed with.
 struct Choice<'a> {
     options: &'a Options,
+    /// All runs, on which a structure is identified.
+    all: &'a Runs<'a>,
+    /// The runs of the search.
     runs: &'a Runs<'a>,
     settings: &'a Settings,
     confirm: Rows<'a>,
@@ -227,13 +235,14 @@ impl Choice<'_> {
                 self.candidate(self.identified_law(spec, restarts)?, restarts)
             }
             _ => {
-                let model = identified(spec, self.runs, self.options, self.watch)?;
+                let model = identified(spec, self.all, self.options, self.watch)?;
                 self.candidate(model, self.options.restarts)
             }
         }
     }
 
     fn candidate(&self, base: Model, restarts: u32) -> Result<Candidate, Error> {
+        check::check(&base, self.all, self.settings)?;
         let searched = self.procedure(&base, self.settings)?.begin(self.stage)?;
         let confirm = test_runs::fitted(&self.confirm, searched.model())?;
         Ok(Candidate { base, restarts, searched, confirm })
@@ -302,7 +311,7 @@ impl Choice<'_> {
 
     /// A force law with the degree that has the least squared error on the validation runs.
     fn identified_law(&self, spec: ModelSpec, restarts: u32) -> Result<Model, Error> {
-        let Self { options, runs, ref confirm, watch, .. } = *self;
+        let Self { options, all: runs, ref confirm, watch, .. } = *self;
         let with_degree = |degree| -> Result<(f64, Model), Error> {
             let model = identified(spec, runs, &Options { restarts, degree, ..options.clone() }, watch)?;
             let fitted = test_runs::fitted(confirm, &model.augmented());

@@ -113,7 +113,7 @@ fn divided(dataset: &Dataset, drive: fn(f64, f64, f64) -> f64) -> Dataset {
         }
         rows.push(Row { dt_s: part_s, ..*row });
     }
-    Dataset { rows, name: dataset.name.clone(), ..*dataset }
+    dataset.with_rows(rows)
 }
 
 fn straight(before: f64, after: f64, share: f64) -> f64 {
@@ -142,7 +142,7 @@ fn smoothed(dataset: &Dataset, with: impl Fn(&[Row; 2 * REACH + 1], f64) -> Row)
             *row = with(near, step_s);
         }
     }
-    Dataset { rows, name: dataset.name.clone(), ..*dataset }
+    dataset.with_rows(rows)
 }
 
 fn steady_drive(dataset: &Dataset) -> Dataset {
@@ -202,7 +202,7 @@ pub(super) fn even_stamps(dataset: &Dataset) -> Option<Dataset> {
             rows.get_or_insert_with(|| dataset.rows.clone())[k] = row;
         }
     }
-    Some(Dataset { rows: rows?, name: dataset.name.clone(), ..*dataset })
+    rows.map(|rows| dataset.with_rows(rows))
 }
 
 #[cfg(test)]
@@ -259,7 +259,7 @@ mod tests {
             row.dt_s = row.dt_s.map(|dt_s| dt_s + late_s(k) - late_s(k + 1));
             row.velocity_m_s += 0.01;
         }
-        let jittered = Dataset { rows, name: even.name.clone(), ..even };
+        let jittered = even.with_rows(rows);
         let found = even_stamps(&jittered).expect("rows change").rows[100];
         let at_s = even.rows[100].stamp.nanos() as f64 * 1e-9;
         assert!((found.velocity_m_s - 0.6 * at_s).abs() < 1e-9, "{found:?}");

@@ -50,9 +50,14 @@ impl Definition for LoadCellDrift {
         inputs: &Inputs<R>,
         inside: &mut Inside<R>,
     ) -> Option<R> {
+        // Before the first sample it is the time that lies before.
+        let first = state.elapsed.is_first();
         // Time also advances at samples without a force.
-        state.held[0] =
-            state.elapsed.hit(inputs.dt_s).map_or(R::from(0.0), |since_s| state.held[0] + since_s);
+        state.held[0] = match state.elapsed.hit(inputs.dt_s) {
+            Some(since_s) => state.held[0] + since_s,
+            None if first => state.held[0],
+            None => R::from(0.0),
+        };
         let time_s = state.held[0];
         Some(inside.run(inputs)? + rate_n_s * time_s)
     }

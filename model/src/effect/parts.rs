@@ -33,6 +33,12 @@ impl Elapsed {
         dt_s.filter(|dt| self.begun && *dt > 0.0).map(|dt| self.waited_s + dt)
     }
 
+    /// True before the first sample.
+    #[inline]
+    pub(super) const fn is_first(&self) -> bool {
+        !self.begun
+    }
+
     /// Records a valid sample, and returns the time since the last one as [`Elapsed::since_s`].
     #[inline]
     pub(super) fn hit(&mut self, dt_s: Option<f64>) -> Option<f64> {

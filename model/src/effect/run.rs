@@ -2,7 +2,7 @@
 
 use super::definition::{Inversion, Values};
 use super::parts::{Coefficients, Elapsed, Lag, Ring};
-use super::term::{self, Terms, TermsState};
+use super::term::{self, Past, Terms, TermsState};
 use super::{Effect, Layer, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need, sensor_delay};
 use crate::error::{Error, ForceError};
 use crate::force::jet::{Jet, Real};
@@ -417,6 +417,15 @@ impl Effects {
         }
     }
 
+    /// The state before the first sample of a segment, given what lies before it if that is known.
+    pub(crate) fn begin(&self, past: Option<&Past>) -> AugmentedState {
+        past.map_or_else(AugmentedState::default, |past| AugmentedState {
+            free: FreeRun::default(),
+            effects: EffectState::after(self.as_slice(), past),
+            terms: TermsState::after(past),
+        })
+    }
+
     /// Simulates `force` with these effects for one sample; see [`Augmented::free_run`].
     #[inline]
     pub fn free_run(&self, force: &ForceModel, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
@@ -489,6 +498,20 @@ impl AugmentedState {
     }
 }
 
+impl<R: Real + Default> EffectState<R> {
+    /// Before the first sample of a simulation that begins within a run, for each of `effects`.
+    fn after(effects: &[EffectModel<R>], past: &Past) -> [Self; MAX_EFFECTS] {
+        let mut states = [Self::default(); MAX_EFFECTS];
+        for (state, effect) in states.iter_mut().zip(effects) {
+            // The other effects forget within a second.
+            if effect.effect == Effect::LoadCellDrift {
+                state.held[0] = R::from(past.time_s);
+            }
+        }
+        states
+    }
+}
+
 impl From<ForceModel> for Augmented {
     /// The model without effects.
     fn from(force: ForceModel) -> Self {
@@ -533,6 +556,11 @@ impl Augmented {
     #[must_use]
     pub const fn feeds_on_force(&self) -> bool {
         self.effects.is_empty() && self.force.force_fed_period().is_some()
+    }
+
+    /// As [`Effects::begin`].
+    pub(crate) fn begin(&self, past: Option<&Past>) -> AugmentedState {
+        self.effects.begin(past)
     }
 
     /// Simulates one sample (free run) and returns the force in newtons. Returns `None` while the model's history is still filling, and
@@ -611,6 +639,15 @@ impl<const N: usize> AugmentedOnJets<N> {
     /// True if the force model needs a drive.
     pub(crate) fn needs_drive(&self) -> bool {
         Jet::model(&self.force).drive().is_some()
+    }
+
+    /// As [`Augmented::begin`].
+    pub(crate) fn begin(&self, past: Option<&Past>) -> JetState<N> {
+        past.map_or_else(JetState::default, |past| JetState {
+            free: LawState::default(),
+            effects: EffectState::after(&self.effects, past),
+            terms: TermsState::after(past),
+        })
     }
 
     /// As [`Augmented::free_run`], with derivatives.

@@ -5,6 +5,7 @@
 //! conditions: causal filters, the same delays, and a restart after each gap.
 
 use crate::condition::{ApplyTo, Conditioning, ForceAligner, Hold, LowPassState, MotionState, Timing};
+use crate::effect::term::Past;
 use crate::error::{Error, IdentifyError};
 use crate::force::Inputs;
 use crate::model::Envelope;
@@ -115,6 +116,8 @@ pub struct Dataset {
     pub rows: Vec<Row>,
     /// Ranges over the counted rows.
     pub envelope: Envelope,
+    /// What the run holds before segments that begin within it; see [`Dataset::past`].
+    pub(crate) pasts: Vec<(Stamp, Past)>,
 }
 
 impl Dataset {
@@ -147,15 +150,26 @@ impl Dataset {
         }
         mark(&mut rows, conditioning, options.moving_only.then_some(&raw_m));
         let rate_hz = run.displacement_m.mean_rate_hz().unwrap_or(0.0) / every as f64;
-        let envelope = envelope_of(&rows, run.case_temp_c.as_ref());
-        Ok(Self {
-            name: run.name.clone(),
-            drive: run.drive_kind(),
-            conditioning: *conditioning,
-            rate_hz,
-            rows,
-            envelope,
-        })
+        let data = Self::from_rows(&run.name, run.drive_kind(), *conditioning, rate_hz, rows);
+        let mut envelope = data.envelope;
+        for value in run.case_temp_c.iter().flat_map(|trace| &trace.values) {
+            Envelope::widen(&mut envelope.case_temp_c, *value);
+        }
+        Ok(Self { envelope, ..data })
+    }
+
+    /// A run of the given rows, which are conditioned as stated; the ranges follow from the counted ones, except that of the temperature, which
+    /// stays unknown.
+    #[must_use]
+    pub fn from_rows(
+        name: &str,
+        drive: Option<DriveKind>,
+        conditioning: Conditioning,
+        rate_hz: f64,
+        rows: Vec<Row>,
+    ) -> Self {
+        let envelope = envelope_of(&rows);
+        Self { name: name.to_owned(), drive, conditioning, rate_hz, rows, envelope, pasts: Vec::new() }
     }
 
     /// About one in `every` of the rows, in contiguous stretches from all over the run, each a segment of its
@@ -173,12 +187,13 @@ impl Dataset {
     }
 
     /// The same run with other rows.
-    pub(super) fn with_rows(&self, rows: Vec<Row>) -> Self {
-        Self { rows, ..self.clone_without_rows() }
+    pub(crate) fn with_rows(&self, rows: Vec<Row>) -> Self {
+        Self { name: self.name.clone(), rows, pasts: self.pasts.clone(), ..*self }
     }
 
-    fn clone_without_rows(&self) -> Self {
-        Self { name: self.name.clone(), rows: Vec::new(), ..*self }
+    /// What the run holds before the segment that begins with `row`. `None` if that is not known: at the start of a recording and after a gap.
+    pub(crate) fn past(&self, row: &Row) -> Option<&Past> {
+        self.pasts.iter().find_map(|(stamp, past)| (*stamp == row.stamp).then_some(past))
     }
 
     /// Number of counted rows.
@@ -341,16 +356,13 @@ fn speeds(rows: &[Row], raw_m: &[f64]) -> Vec<f64> {
     speeds
 }
 
-fn envelope_of(rows: &[Row], case_temp_c: Option<&Trace>) -> Envelope {
+fn envelope_of(rows: &[Row]) -> Envelope {
     let mut envelope = Envelope::default();
     for row in rows.iter().filter(|row| row.counts) {
         Envelope::widen(&mut envelope.displacement_m, row.displacement_m);
         Envelope::widen(&mut envelope.velocity_m_s, row.velocity_m_s);
         Envelope::widen(&mut envelope.drive, row.drive);
         Envelope::widen(&mut envelope.force_n, row.force_n);
-    }
-    for value in case_temp_c.iter().flat_map(|trace| &trace.values) {
-        Envelope::widen(&mut envelope.case_temp_c, *value);
     }
     envelope
 }

@@ -323,7 +323,6 @@ mod tests {
     use crate::condition::Conditioning;
     use crate::force::Membership;
     use crate::metrics::ErrorSum;
-    use crate::model::Envelope;
     use crate::sample::{DriveKind, Stamp};
 
     const RATE_HZ: f64 = 500.0;
@@ -349,7 +348,6 @@ mod tests {
         let conditioning = Conditioning { apply_to, ..Conditioning::default() };
         let filter = conditioning.low_pass();
         let (mut state, mut filter_state) = (SlipState::default(), LowPassState::default());
-        let mut envelope = Envelope::default();
         let mut rows = Vec::new();
         for k in 0..6_000_i64 {
             let t = k as f64 / RATE_HZ;
@@ -377,20 +375,15 @@ mod tests {
                 ApplyTo::Output => filter.step(&mut filter_state, row.dt_s, row.raw_force_n),
                 _ => row.raw_force_n,
             };
-            Envelope::widen(&mut envelope.displacement_m, row.displacement_m);
-            Envelope::widen(&mut envelope.velocity_m_s, row.velocity_m_s);
-            Envelope::widen(&mut envelope.drive, row.drive);
-            Envelope::widen(&mut envelope.force_n, row.force_n);
             rows.push(row);
         }
-        Dataset {
-            name: format!("phase {phase}"),
-            drive: Some(DriveKind::CoilCurrent),
+        Dataset::from_rows(
+            &format!("phase {phase}"),
+            Some(DriveKind::CoilCurrent),
             conditioning,
-            rate_hz: RATE_HZ,
+            RATE_HZ,
             rows,
-            envelope,
-        }
+        )
     }
 
     #[test]

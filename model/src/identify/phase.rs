@@ -275,7 +275,6 @@ mod tests {
     use super::*;
     use crate::condition::Conditioning;
     use crate::identify::Row;
-    use crate::model::Envelope;
     use crate::preset;
     use crate::sample::Stamp;
 
@@ -307,14 +306,8 @@ mod tests {
                 counts: true,
             }
         };
-        Dataset {
-            name: "made".to_owned(),
-            drive: Some(DriveKind::CoilCurrent),
-            conditioning: Conditioning::default(),
-            rate_hz: 2_000.0,
-            rows: (0..16_000).map(row).collect(),
-            envelope: Envelope::default(),
-        }
+        let rows = (0..16_000).map(row).collect();
+        Dataset::from_rows("made", Some(DriveKind::CoilCurrent), Conditioning::default(), 2_000.0, rows)
     }
 
     #[test]

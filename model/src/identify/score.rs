@@ -181,7 +181,7 @@ pub fn walk(
     let (force, feeds_on_force) = (model.force(), model.feeds_on_force());
     for row in &dataset.rows {
         if row.dt_s.is_none() {
-            (free, output, history) = (AugmentedState::default(), None, History::default());
+            (free, output, history) = (model.begin(dataset.past(row)), None, History::default());
         }
         let inputs = row.inputs();
         let driven = force.drive().is_none() || row.drive.is_finite();

@@ -2,10 +2,10 @@
 
 use crate::diagnosis::cases::{Case, CaseSpec, Kind, OUTSIDE, catalogue, sizes, spec};
 use crate::diagnosis::intervals::interval;
-use crate::diagnosis::outcome::{Instrumentation, Named, Outcome, diagnose};
+use crate::diagnosis::outcome::{Instrumentation, Named, Outcome, Prepared, diagnose, names};
 use crate::diagnosis::rates::{Rate, Row, library_id};
 use mr_damper_model::Error;
-use mr_damper_model::diagnose::Verdict;
+use mr_damper_model::diagnose::{DiagnosisResult, Settings, Verdict};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::force::law::Scale;
 use mr_damper_model::sample::Run;
@@ -113,6 +113,40 @@ fn only_effects_that_are_present_are_named() -> Result<(), Error> {
         ["load_cell_drift"]
     );
     assert!(outcome.removed.is_some_and(|share| share > 0.8), "{outcome:?}");
+    Ok(())
+}
+
+#[test]
+fn long_runs_are_searched_on_stretches_and_fitted_as_a_whole() -> Result<(), Error> {
+    let spec = spec("single coil_lag x1");
+    let mut case = spec.case(1)?;
+    for seed in [2, 3] {
+        let more = spec.case(seed)?;
+        case.estimate.extend(more.estimate);
+        case.confirm.extend(more.confirm);
+    }
+    let prepared = Prepared::new(&case, &[], Instrumentation::Displacement)?;
+    let diagnose =
+        |most_samples| prepared.diagnose(&Settings { most_terms: 0, most_samples, ..Settings::default() });
+    // A stretch of 9.3 s from each run.
+    let (whole, short) = (diagnose(usize::MAX)?, diagnose(20_480)?);
+    assert_eq!(whole.searched, None);
+    let searched = short.searched.expect("runs of 90 s");
+    assert!((searched.used_s - 28.0).abs() < 1.0 && (searched.of_s - 90.0).abs() < 3.0, "{searched:?}");
+    assert_eq!((names(&whole), names(&short)), (vec!["coil_lag"], vec!["coil_lag"]));
+    let lag = |result: &DiagnosisResult| result.effects[0].parameters[0];
+    let ([low, high], value) = (lag(&whole).ci95, lag(&short).value);
+    assert!(low < value && value < high && (value / lag(&whole).value - 1.0).abs() < 2e-3, "{value} s");
+    // All validation runs and the test run, with the models that are fitted to all training runs.
+    let errors = |result: &DiagnosisResult| {
+        let runs = result.confirm.iter().chain(result.test.iter().flat_map(|test| &test.runs));
+        runs.flat_map(|run| [run.before.rsse_n, run.after.rsse_n]).collect::<Vec<_>>()
+    };
+    assert_eq!(errors(&short).len(), 8);
+    for (whole_n, short_n) in errors(&whole).into_iter().zip(errors(&short)) {
+        assert!((short_n / whole_n - 1.0).abs() < 5e-3, "{short_n} and {whole_n} N");
+    }
+    assert_eq!(short.verdict, whole.verdict);
     Ok(())
 }
 

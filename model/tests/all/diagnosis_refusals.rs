@@ -63,7 +63,8 @@ fn missing_repeated_short_and_differently_conditioned_runs_are_rejected() {
     assert_eq!(refused(closed(one(&estimate), &[], one(&test))), DiagnosisError::NoValidationRun);
     assert_eq!(refused(closed(&[], one(&confirm), one(&test))), DiagnosisError::NoTrainingRuns);
     // Runs are compared by content: another name does not make another run.
-    let twin = Dataset { name: "another name".to_owned(), ..estimate.clone() };
+    let mut twin = estimate.clone();
+    twin.name = "another name".to_owned();
     for (role, confirm, test) in [("confirm", &twin, &test), ("test", &confirm, &twin)] {
         let twice = refused(closed(one(&estimate), one(confirm), one(test)));
         let runs = [twin.name.clone(), estimate.name.clone()];

@@ -15,7 +15,6 @@ use mr_damper_model::identify::{
     Watch, fit_tsk, identify_datasets,
 };
 use mr_damper_model::inverse::{ControlLaw, Demand, InverseState, SkyhookGains};
-use mr_damper_model::model::Envelope;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::preset::{self, BEST_FUZZY_TANH};
 use mr_damper_model::sample::{DriveKind, Stamp};
@@ -28,34 +27,20 @@ const PERIOD_S: f64 = 0.004;
 
 /// Rows at 250 Hz whose displacement, velocity, current and force are the four numbers of each item.
 fn dataset(samples: impl IntoIterator<Item = [f64; 4]>) -> Dataset {
-    let mut envelope = Envelope::default();
-    let row = |(k, [x, v, i, force_n]): (usize, [f64; 4])| {
-        Envelope::widen(&mut envelope.displacement_m, x);
-        Envelope::widen(&mut envelope.velocity_m_s, v);
-        Envelope::widen(&mut envelope.drive, i);
-        Envelope::widen(&mut envelope.force_n, force_n);
-        Row {
-            stamp: Stamp::from_nanos(4_000_000 * k as i64),
-            dt_s: (k > 0).then_some(PERIOD_S),
-            displacement_m: x,
-            velocity_m_s: v,
-            acceleration_m_s2: f64::NAN,
-            drive: i,
-            case_temp_c: f64::NAN,
-            force_n,
-            raw_force_n: force_n,
-            counts: true,
-        }
+    let row = |(k, [x, v, i, force_n]): (usize, [f64; 4])| Row {
+        stamp: Stamp::from_nanos(4_000_000 * k as i64),
+        dt_s: (k > 0).then_some(PERIOD_S),
+        displacement_m: x,
+        velocity_m_s: v,
+        acceleration_m_s2: f64::NAN,
+        drive: i,
+        case_temp_c: f64::NAN,
+        force_n,
+        raw_force_n: force_n,
+        counts: true,
     };
     let rows = samples.into_iter().enumerate().map(row).collect();
-    Dataset {
-        name: "oracle".to_owned(),
-        drive: Some(KIND),
-        conditioning: Conditioning::default(),
-        rate_hz: 1.0 / PERIOD_S,
-        rows,
-        envelope,
-    }
+    Dataset::from_rows("oracle", Some(KIND), Conditioning::default(), 1.0 / PERIOD_S, rows)
 }
 
 /// Time, displacement, velocity and current of the nonlinear fits.

@@ -140,6 +140,10 @@ pub struct RecordedArgs {
     /// Largest number of terms to discover in the error that the effects of the library leave; 0 for none.
     #[arg(long, group = GROUP, value_name = "N", default_value_t = MAX_TERMS as u8, value_parser = clap::value_parser!(u8).range(0..=MAX_TERMS as i64))]
     pub terms: u8,
+    /// Largest number of samples of the training, validation or healthy runs on which effects and terms are searched; 0 for all. From longer runs
+    /// the search takes stretches of up to 16 s from each. The model found is fitted to all samples. With --reference all are used.
+    #[arg(long, group = GROUP, value_name = "N", default_value_t = Settings::DEFAULT_MOST_SAMPLES)]
+    pub search_samples: usize,
     /// Runs of the same damper when it was healthy, with any excitation. They tell a term that is an effect from one that the structure of
     /// the base lacks. With --reference no terms are discovered.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1.., conflicts_with = "reference")]
@@ -250,6 +254,7 @@ fn close(
         noise_floor_n: args.noise_floor,
         block_s: args.block_s,
         most_terms: args.terms.into(),
+        most_samples: if args.search_samples == 0 { usize::MAX } else { args.search_samples },
         seed: args.seed,
         ..Settings::default()
     };

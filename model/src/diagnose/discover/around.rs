@@ -71,7 +71,7 @@ impl<'a> Damper<'a> {
             let mut wanted = run.indices.iter().peekable();
             for (index, (row, force_n)) in run.dataset.rows.iter().zip(force_n).enumerate() {
                 if row.dt_s.is_none() {
-                    state = TermsState::default();
+                    state = run.dataset.past(row).map_or_else(TermsState::default, TermsState::after);
                 }
                 let is_row = wanted.next_if(|next| **next == index).is_some();
                 let force = match is_driven(needs_drive, row) {

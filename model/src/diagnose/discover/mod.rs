@@ -32,6 +32,7 @@ mod hum;
 mod hypotheses;
 mod instead;
 mod nuisance;
+mod place;
 mod resonance;
 mod screen;
 mod series;
@@ -44,12 +45,11 @@ pub use curve::CurvePoint;
 pub use hum::Hum;
 pub use hypotheses::Hypothesis;
 
+pub(super) use place::placed;
+
 use super::blocks::Blocks;
-use super::finding::{NamedEffect, RefusedEffect};
-use super::interval::{Contents, Intervals};
+use super::completion::Completion;
 use super::joint::{Fitted, Joint};
-use super::procedure::{model_of, remaining_error, verdict};
-use super::refusal::Refusal;
 use super::rows::Rows;
 use super::space::without_effect;
 use super::{DiagnosisMode, DiagnosisResult, EffectSet, Runs, Settings, Stage, Verdict, test_runs};
@@ -228,9 +228,12 @@ pub(super) fn extend(
             let limits = Limits { only_beyond, most, goal: None };
             let beside = search.run(library.clone(), limits, stage)?;
             let mut found = instead::instead(&search, library, beside, &result, most, stage)?;
+            let model = found.fitted.model;
             if simplify::simplify(&search, &mut found)? {
                 // A term that has left a part to another one may leave an error behind.
                 found = search.run(found, limits, stage)?;
+            } else if found.fitted.model != model {
+                found = search.prune(found)?;
             }
             search.conclude(result, found)?
         }
@@ -486,53 +489,11 @@ impl<'a> Search<'a> {
         if discovery.terms.is_empty() {
             return Ok(DiagnosisResult { discovery, ..result });
         }
+        let completion = Completion::new(self.runs, self.settings, self.joint.watch)?;
+        let fitted = completion.with_term(&fitted.model)?;
         let own = self.of_base.terms().iter().count();
-        let [train, confirm, test] = [self.runs.estimate, self.runs.confirm, self.runs.test]
-            .map(|runs| Rows::new(runs, self.settings.most_rows));
-        let joint = Joint { rows: &train, ..self.joint };
-        let fitted = self.complete(&joint, &fitted)?;
-        let intervals = Intervals::new(&joint, &fitted, self.settings.training_block_s(), Contents::All)?;
-        for (index, (found, term)) in
-            discovery.terms.iter_mut().zip(fitted.model.effects().terms().iter().skip(own)).enumerate()
-        {
-            (found.term, found.ci95) = (*term, intervals.of_term(own + index));
-        }
         self.add_curves(&mut discovery, &fitted.model, own, &beyond)?;
-        let DiagnosisResult { effects, mut refused, before, noise_floor, .. } = result;
-        let mut kept = Vec::with_capacity(effects.len());
-        for named in effects {
-            match fitted.model.effects().position(named.effect.effect()) {
-                Some(index) => kept.push(NamedEffect {
-                    effect: fitted.model.effects().as_slice()[index],
-                    parameters: intervals.of(index),
-                    ..named
-                }),
-                None => refused
-                    .push(RefusedEffect { effect: named.effect.effect(), why: Refusal::TakenOverByTerm }),
-            }
-        }
-        let base = before.augmented();
-        let both = test_runs::both(&confirm, &base, &fitted.model)?;
-        let on_test = test_runs::both(&test, &base, &fitted.model)?;
-        let run_errors = test_runs::run_errors(&confirm, &both[0], &both[1]);
-        let remaining = remaining_error(&confirm, [&both[0], &both[1]], noise_floor.rsse_n, self.settings);
-        let test = test_runs::read(&test, &on_test[0], &on_test[1], noise_floor.rsse_n, self.settings);
-        let held = test.as_ref().is_none_or(super::TestResult::proves);
-        let after = model_of(&before, Some(&train), &fitted, run_errors.iter().map(|run| run.after.rsse_n));
-        Ok(DiagnosisResult {
-            verdict: verdict(&remaining, held, &self.settings.thresholds),
-            effects: kept,
-            refused,
-            confirm: run_errors,
-            test,
-            remaining,
-            before,
-            after,
-            discovery,
-            noise_floor,
-            base_fault: None,
-            ..result
-        })
+        completion.result(DiagnosisResult { discovery, ..result }, &fitted)
     }
 
     /// Removes effects of the library whose part the terms of `found` have taken over; not those that the base had already.
@@ -556,16 +517,6 @@ impl<'a> Search<'a> {
             }
         }
         Ok(found)
-    }
-
-    /// `found` fitted on all rows of `joint`, if that fits the validation runs as well.
-    fn complete(&self, joint: &Joint, found: &Fitted) -> Result<Fitted, Error> {
-        let complete = joint.refit(&found.model, REFIT)?;
-        let as_good = |complete: &Fitted| self.confirm_squares(complete) <= self.confirm_squares(found);
-        match complete.filter(as_good) {
-            Some(complete) => Ok(complete),
-            None => test_runs::fitted(joint.rows, &found.model),
-        }
     }
 }
 

@@ -250,6 +250,7 @@ fn pair(
     let c = train.nuisance_weights(&sides.train);
     let fit = Fit {
         argument,
+        has_holes: argument.counts_from_start() && sides.train.rows.are_stretches(),
         whole: &train.own,
         train: train.fitted(&sides.train, &c),
         confirm: confirm.held_out(&sides.confirm, &c, &sides.train.d),
@@ -290,6 +291,8 @@ fn pair(
 /// The closed forms of one pair.
 struct Fit<'a> {
     argument: Argument,
+    /// The argument has values between stretches of a run that are not in the data.
+    has_holes: bool,
     whole: &'a DMatrix<f64>,
     train: Sums,
     confirm: Sums,
@@ -313,7 +316,8 @@ impl Fit<'_> {
             let curves = self.grid(form).into_iter().filter_map(|parameters| self.curve(form, parameters));
             curves.max_by(|a, b| a.score.total_cmp(&b.score))
         };
-        let mut all: Vec<Curve> = Form::ALL.into_iter().filter_map(of_form).collect();
+        let forms = Form::ALL.into_iter().filter(|form| !(self.has_holes && form.repeats_or_returns()));
+        let mut all: Vec<Curve> = forms.filter_map(of_form).collect();
         let best = all.iter().map(|curve| curve.score).max_by(f64::total_cmp)?;
         all.retain(|curve| curve.score >= best - self.thresholds.form_alike * best.abs());
         let fewest = all.iter().map(|curve| curve.form.parameters().len()).min()?;

@@ -106,7 +106,9 @@ fn of_run(model: &Augmented, run: &RunRows, found: &mut [Vec<f64>]) -> Vec<Sampl
     for (index, row) in run.dataset.rows.iter().enumerate() {
         let inputs = row.inputs();
         if row.dt_s.is_none() {
-            state = AugmentedState::default();
+            let past = run.dataset.past(row);
+            state = effects.begin(past);
+            signals = past.map_or_else(Signals::default, Signals::after);
         }
         signals.before_force(&inputs);
         if let Some(force_n) = effects.free_run(model.force(), &mut state, &inputs).filter(|f| f.is_finite())

@@ -204,10 +204,25 @@ impl Argument {
     }
 }
 
+/// What a run holds before the first sample of a simulation that begins within it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Past {
+    /// Time since the first sample of the run, s.
+    pub(crate) time_s: f64,
+    /// Integral of abs(v) since then, m.
+    pub(crate) path_m: f64,
+    /// Integral of F v since then, J.
+    pub(crate) energy_j: f64,
+    /// First case temperature, °C; NaN if there was none yet.
+    pub(crate) first_temp_c: f64,
+}
+
 /// The signals with a memory.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Signals<R = f64> {
     begun: bool,
+    /// Before the first sample: time, path, energy and first temperature are those of a [`Past`].
+    resumed: bool,
     time_s: f64,
     /// Time since the sample before, s; 0 at the first one.
     step_s: f64,
@@ -241,11 +256,32 @@ impl<R: Real> Signals<R> {
         self.step_s
     }
 
+    /// What the run holds before a simulation that begins with this sample.
+    pub(crate) fn past(&self) -> Past {
+        let Self { time_s, path_m, energy_j, first_temp_c, .. } = *self;
+        Past { time_s, path_m: path_m.re(), energy_j: energy_j.re(), first_temp_c }
+    }
+
+    /// Before the first sample of a simulation that begins within a run.
+    pub(crate) fn after(past: &Past) -> Self
+    where
+        R: Default,
+    {
+        Self {
+            resumed: true,
+            time_s: past.time_s,
+            path_m: R::from(past.path_m),
+            energy_j: R::from(past.energy_j),
+            first_temp_c: past.first_temp_c,
+            ..Self::default()
+        }
+    }
+
     /// One sample, before the force is known. An input that is not finite leaves its signals as they are.
     #[inline]
     pub(crate) fn before_force(&mut self, inputs: &Inputs<R>) {
         let Some(dt_s) = inputs.dt_s.filter(|dt_s| self.begun && *dt_s > 0.0) else {
-            *self = Self::begin(inputs);
+            *self = self.begin(inputs);
             return;
         };
         self.time_s += dt_s;
@@ -270,22 +306,28 @@ impl<R: Real> Signals<R> {
         self.force_n = force_n;
     }
 
-    fn begin(inputs: &Inputs<R>) -> Self {
+    /// The signals at a first sample. Everything counts from here if it is not known what lies before.
+    fn begin(&self, inputs: &Inputs<R>) -> Self {
         let zero = R::from(0.0);
+        let (time_s, path_m, energy_j, first_temp_c) = match self.resumed {
+            true => (self.time_s, self.path_m, self.energy_j, self.first_temp_c),
+            false => (0.0, zero, zero, inputs.case_temp_c),
+        };
         Self {
             begun: true,
-            time_s: 0.0,
+            resumed: false,
+            time_s,
             step_s: 0.0,
-            path_m: zero,
-            energy_j: zero,
-            first_temp_c: inputs.case_temp_c,
+            path_m,
+            energy_j,
+            first_temp_c,
             furthest_m: inputs.displacement_m,
-            furthest_s: 0.0,
+            furthest_s: time_s,
             turn_m: inputs.displacement_m,
-            turn_s: 0.0,
+            turn_s: time_s,
             direction: 0.0,
             held_drive: inputs.drive.re(),
-            changed_s: 0.0,
+            changed_s: time_s,
             lagged_drive: inputs.drive,
             mean_speed_m_s: zero,
             force_n: zero,

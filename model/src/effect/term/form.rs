@@ -134,6 +134,11 @@ impl Form {
         Self::Resonance,
     ];
 
+    /// True if its curve may change and change back between two places at which it is known.
+    pub(crate) const fn repeats_or_returns(self) -> bool {
+        matches!(self, Self::Bump | Self::Staircase | Self::Sine)
+    }
+
     /// Name, as in model files.
     #[must_use]
     pub const fn name(self) -> &'static str {

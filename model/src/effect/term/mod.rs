@@ -46,7 +46,7 @@ pub use form::{Form, FormParameter};
 pub use modulator::Modulator;
 pub use text::TermNumber;
 
-pub(crate) use argument::{Origin, Signals};
+pub(crate) use argument::{Origin, Past, Signals};
 pub(crate) use resonator::{Resonator, warped};
 
 use super::Need;
@@ -250,6 +250,13 @@ pub(crate) struct TermsState<R = f64> {
     filters: [Resonator<R>; MAX_TERMS],
     /// The last sample had an argument outside of its confirmed range.
     extrapolates: bool,
+}
+
+impl<R: Real + Default> TermsState<R> {
+    /// Before the first sample of a simulation that begins within a run.
+    pub(crate) fn after(past: &Past) -> Self {
+        Self { signals: Signals::after(past), ..Self::default() }
+    }
 }
 
 impl<R> TermsState<R> {

@@ -3,7 +3,6 @@
 
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::identify::{Dataset, Row};
-use mr_damper_model::model::Envelope;
 use mr_damper_model::sample::{DriveKind, Stamp};
 use mr_damper_model::units::{M_PER_IN, N_PER_LBF};
 use rand::{RngExt, SeedableRng};
@@ -36,12 +35,6 @@ fn gradient(values: &[f64]) -> Vec<f64> {
             (values[to] - values[from]) * RATE_HZ / (to - from) as f64
         })
         .collect()
-}
-
-fn range(values: &[f64], unit: f64) -> Option<[f64; 2]> {
-    let mut range = None;
-    values.iter().for_each(|value| Envelope::widen(&mut range, value * unit));
-    range
 }
 
 /// The peers' data for a seed, in SI units.
@@ -84,18 +77,12 @@ pub(crate) fn synth(seed: u64) -> Dataset {
         raw_force_n: force[k] * N_PER_LBF,
         counts: true,
     };
-    Dataset {
-        name: format!("peers seed {seed}"),
-        drive: Some(DriveKind::CoilCurrent),
-        conditioning: Conditioning::default(),
-        rate_hz: RATE_HZ,
-        rows: (0..SAMPLES).map(row).collect(),
-        envelope: Envelope {
-            displacement_m: range(&x, M_PER_IN),
-            velocity_m_s: range(&v, M_PER_IN),
-            drive: range(&i, 1.0),
-            force_n: range(&force, N_PER_LBF),
-            ..Envelope::default()
-        },
-    }
+    let rows = (0..SAMPLES).map(row).collect();
+    Dataset::from_rows(
+        &format!("peers seed {seed}"),
+        Some(DriveKind::CoilCurrent),
+        Conditioning::default(),
+        RATE_HZ,
+        rows,
+    )
 }

@@ -6,7 +6,7 @@ use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::discover::{CurvePoint, FoundTerm, Hum, Hypothesis, RefusedTerm};
 use mr_damper_model::diagnose::{
     Alignment, Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors,
-    StructureRow, TestResult,
+    Searched, StructureRow, TestResult,
 };
 use mr_damper_model::effect::term::Term;
 use mr_damper_model::metrics::Fit;
@@ -43,6 +43,8 @@ pub struct DiagnosisReport<'a> {
     confirm: Vec<RunErrorsRow<'a>>,
     candidates: Vec<CandidateRow>,
     blocks: usize,
+    /// The part of the training runs on which effects and terms were searched; `null` if it was all of it.
+    searched: Option<SearchedRow>,
     /// The structures that were tried as base; empty if only the given base was diagnosed.
     structures: Vec<StructureJson<'a>>,
     /// How each run was placed on its reference; empty without reference runs.
@@ -72,6 +74,12 @@ struct MeanShiftRow {
     ci95_n: [f64; 2],
     blocks: usize,
     causes: &'static [&'static str],
+}
+
+#[derive(Debug, Serialize)]
+struct SearchedRow {
+    used_s: f64,
+    of_s: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -338,6 +346,7 @@ impl<'a> DiagnosisReport<'a> {
             confirm: result.confirm.iter().map(run_errors).collect(),
             candidates: result.candidates.iter().map(candidate).collect(),
             blocks: result.blocks,
+            searched: result.searched.map(|Searched { used_s, of_s }| SearchedRow { used_s, of_s }),
             structures: result.structures.iter().map(structure).collect(),
             alignments: result.alignments.iter().map(alignment).collect(),
             mean_shift: result.mean_shift.map(|shift| MeanShiftRow {

@@ -215,6 +215,7 @@ fn errors(result: &DiagnosisResult) -> Markup {
             "square over the variance of the measured force. The interval is from a t test \
              on sums over blocks." }
         p { (capital(&words::noise_floor(&result.noise_floor))) "." }
+        @if let Some(searched) = words::searched(result) { p { (searched) } }
     }
 }
 

@@ -11,7 +11,7 @@ use mr_damper_model::diagnose::discover::{
 use mr_damper_model::diagnose::{
     Alignment, BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult,
     FloorSource, FoundParameter, MeanShift, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect,
-    RemainingError, RunErrors, Runs, StructureFit, StructureRow, TestResult, Verdict,
+    RemainingError, RunErrors, Runs, Searched, StructureFit, StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
@@ -103,6 +103,7 @@ pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisRe
             candidate(Effect::Inertia, 2, 0.2, 0.01, None),
         ],
         blocks: 30,
+        searched: None,
         confirm: vec![run_errors("confirm.csv", 30.1, 9.4)],
         test: Some(TestResult {
             before: fit(31.0, 0.0063, 30_000),
@@ -345,6 +346,18 @@ fn the_json_is_as_contracted() {
 }
 
 #[test]
+fn a_search_on_stretches_is_said() {
+    let mut found = diagnosis_result(base(), &["sealed-1.csv"]);
+    let said =
+        |found: &DiagnosisResult| text(found, Some(DriveKind::CoilCurrent)).contains("128 s of the 600 s");
+    assert!(!said(&found));
+    found.searched = Some(Searched { used_s: 127.8, of_s: 600.2 });
+    assert!(said(&found));
+    let json = serde_json::to_value(DiagnosisReport::of(&found, Some(DriveKind::CoilCurrent))).expect("JSON");
+    assert_eq!(json["searched"], serde_json::json!({ "used_s": 127.8, "of_s": 600.2 }));
+}
+
+#[test]
 fn unknown_values_are_null_in_json() {
     let mut found = without_names(Verdict::Unexplained);
     found.remaining.share = f64::NAN;
@@ -566,7 +579,9 @@ fn a_report_without_named_effects_is_a_valid_page() {
         !page.contains(">after<") && page.contains("<svg"),
         "without a named effect no curve \"after\" is drawn"
     );
-    outcome.traces = vec![RunTrace::of(&unnamed, &Dataset { rows: Vec::new(), ..data[0].clone() }, &[])];
+    let mut empty = data[0].clone();
+    empty.rows.clear();
+    outcome.traces = vec![RunTrace::of(&unnamed, &empty, &[])];
     assert!(html(&outcome).contains("The runs have no residual to draw."));
 }
 

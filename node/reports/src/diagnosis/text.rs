@@ -16,6 +16,10 @@ const WIDTH: usize = 110;
 pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     let mut text = short(result, drive);
     structures(&mut text, result);
+    if let Some(searched) = words::searched(result) {
+        text.push('\n');
+        paragraph(&mut text, 0, &searched);
+    }
     errors(&mut text, result);
     reasons(&mut text, "Refused", words::refused(result).into_iter().map(|r| (r.effect, &r.why)));
     if let Some(refused) = &result.discovery.refused {

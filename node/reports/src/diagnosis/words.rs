@@ -3,7 +3,7 @@
 use crate::page::capital;
 use mr_damper_model::diagnose::{
     Alignment, DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal,
-    RefusedEffect, Stage, StructureRow, TestResult, Verdict,
+    RefusedEffect, Searched, Stage, StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::term::{ID, Term};
 use mr_damper_model::effect::{Effect, EffectModel, Parameter};
@@ -21,6 +21,7 @@ pub fn stage_in_words(stage: Stage) -> String {
         Stage::Pruning => "removing effects that are not needed".to_owned(),
         Stage::Alternative => "checking whether an alternative structure of the base would do".to_owned(),
         Stage::Terms(round) => format!("term {round}: searching for what the library does not have"),
+        Stage::Completion => "fitting the model found to all runs".to_owned(),
         Stage::TestRuns => "reading the test runs".to_owned(),
     }
 }
@@ -371,6 +372,17 @@ pub fn noise_floor(floor: &NoiseFloor) -> String {
         }
     };
     format!("noise floor {}, NMSE {}, {source}", force(floor.rsse_n), figure(floor.esr))
+}
+
+/// The part of the runs on which the search was made; `None` if it was all of them.
+#[must_use]
+pub fn searched(result: &DiagnosisResult) -> Option<String> {
+    let Searched { used_s, of_s } = result.searched?;
+    Some(format!(
+        "The runs are long. Effects and terms were searched on stretches: {used_s:.0} s of the {of_s:.0} s of motion in the training runs. \
+         Coefficients, intervals and errors are those of all runs, but for the errors of the structures of the base. To search on more, give \
+         --search-samples."
+    ))
 }
 
 /// The effects that the data cannot distinguish from the named one, and for each effect of the class (the named one

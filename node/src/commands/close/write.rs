@@ -212,6 +212,7 @@ mod tests {
             untestable: Vec::new(),
             candidates: Vec::new(),
             blocks: 30,
+            searched: None,
             confirm: Vec::new(),
             test: None,
             remaining: RemainingError { lof: 0.1, lof_before: 0.9, share: 0.3, correlates_with: Vec::new() },

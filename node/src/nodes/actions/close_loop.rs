@@ -101,6 +101,7 @@ fn progress(stage: Stage) -> f32 {
         Stage::Pruning => 0.7,
         Stage::Alternative => 0.75,
         Stage::Terms(round) => (0.8 + 0.05 * (round as f32 - 1.0)).min(0.9),
+        Stage::Completion => 0.92,
         Stage::TestRuns => 0.95,
     }
 }
