@@ -193,7 +193,7 @@ def closing():
     build()
     found = []
     candidates = [[], ["friction"], ["coil_lag"], CANDIDATES[:4], CANDIDATES]
-    for seconds in (20, 30, 60, 120):
+    for seconds in (20, 30, 60, 120, 600):
         folder = FOLDER / f"closing-{seconds}"
         if not folder.exists():
             options = ["--experiment", "RP-ICPS", "--replicates", 4, "--duration", seconds, "--seed", 11]
@@ -282,7 +282,7 @@ ALL = {
     "realtime": (realtime, 150),
     "offline": (offline, 260),
     "identification": (identification, 200),
-    "closing": (closing, 90),
+    "closing": (closing, 300),
     "fuzz": (fuzz, 1000),
     "coverage": (coverage, 1500),
     "soak": (soak, 3700),
