@@ -11,8 +11,8 @@
 //! counted: lags and hysteresis settle in it. With 1 s in place of 4 s, the error of a Bouc-Wen model on runs of a test bench is a tenth too
 //! large.
 //!
-//! What counts from the start of a run (time, path, energy, rise of the temperature) is known where a stretch begins ([`Past`]). The energy is
-//! that of the measured force. Between stretches nothing is known, so no term is searched that changes and changes back there.
+//! Time, path, energy and the rise of the temperature count from the start of a run. They are known where a stretch begins ([`Past`]); the energy
+//! is computed from the measured force. Between stretches nothing is known, so no term is searched that changes and changes back there.
 //!
 //! The places in the groups differ because a test programme may repeat with the period of the groups.
 //!
