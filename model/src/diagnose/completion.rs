@@ -1,7 +1,7 @@
 //! The end of a diagnosis: the model that was found, on all runs.
 //!
-//! Base and model are fitted to the training runs from the coefficients of the search, and taken if the validation runs agree. Intervals come from
-//! the training runs, the remaining error from the validation runs, and the verdict from these and the test runs.
+//! The model is fitted to the training runs from the coefficients of the search; after a search on stretches, the base too. Intervals come from the
+//! training runs, the remaining error from the validation runs, and the verdict from these and the test runs.
 
 use super::discover::placed;
 use super::finding::{DiagnosisResult, NamedEffect, RefusedEffect, Verdict};
@@ -49,26 +49,21 @@ impl<'a> Completion<'a> {
         }
     }
 
-    /// Squared error of `model` on the validation runs, N²; infinite if it cannot be simulated on them.
-    fn confirm_squares(&self, model: &Augmented) -> f64 {
-        Fitted::as_is(*model, &self.confirm).map_or(f64::INFINITY, |fitted| fitted.squares)
-    }
-
     /// `model`, to which a term was added, fitted to the training runs, if that fits the validation runs as well.
     pub(super) fn with_term(&self, model: &Augmented) -> Result<Fitted, Error> {
-        let complete = self.joint().refit(model, WITH_TERM)?;
-        let as_good =
-            |complete: &Fitted| self.confirm_squares(&complete.model) <= self.confirm_squares(model);
-        match complete.filter(as_good) {
-            Some(complete) => Ok(complete),
-            None => test_runs::fitted(&self.train, model),
-        }
+        self.fitted(model, WITH_TERM, Fitted::squares_of(model, &self.confirm))
     }
 
     /// `model`, which was fitted to stretches of the training runs, fitted to all of them.
-    fn fitted(&self, model: &Augmented) -> Result<Fitted, Error> {
-        let complete = self.joint().refit(model, FINAL)?;
-        match complete.filter(|complete| self.confirm_squares(&complete.model).is_finite()) {
+    fn on_all_rows(&self, model: &Augmented) -> Result<Fitted, Error> {
+        self.fitted(model, FINAL, f64::MAX)
+    }
+
+    /// `model` fitted to the training runs with at most `evaluations`; as it is if the fit has more than the squared error `most`, N², on the
+    /// validation runs.
+    fn fitted(&self, model: &Augmented, evaluations: usize, most: f64) -> Result<Fitted, Error> {
+        let complete = self.joint().refit(model, evaluations)?;
+        match complete.filter(|complete| Fitted::squares_of(&complete.model, &self.confirm) <= most) {
             Some(complete) => Ok(complete),
             None => test_runs::fitted(&self.train, model),
         }
@@ -76,27 +71,20 @@ impl<'a> Completion<'a> {
 
     /// `result`, which was found on stretches of the runs, on all of them.
     pub(super) fn on_all(&self, result: DiagnosisResult) -> Result<DiagnosisResult, Error> {
-        let base = self.fitted(&result.before.augmented())?;
+        let base = self.on_all_rows(&result.before.augmented())?;
         let fitted = match result.is_augmented() {
             true => {
                 let own = result.before.effects.terms().iter().count();
-                self.fitted(&placed(result.after.augmented(), own, &self.train, &self.confirm)?)?
+                self.on_all_rows(&placed(result.after.augmented(), own, &self.train, &self.confirm)?)?
             }
             false => base.clone(),
         };
-        let on_confirm = test_runs::fitted(&self.confirm, &base.model)?;
-        let errors = test_runs::run_errors(&self.confirm, &on_confirm, &on_confirm);
-        let before = self.model(&result.before, &base, errors.iter().map(|run| run.before.rsse_n));
-        self.result(DiagnosisResult { before, ..result }, &fitted)
-    }
-
-    fn model(
-        &self,
-        base: &Model,
-        fitted: &Fitted,
-        confirm_rsse_n: impl ExactSizeIterator<Item = f64>,
-    ) -> Model {
-        model_of(base, Some(&self.train), fitted, confirm_rsse_n)
+        let (force, effects) = (*base.model.force(), *base.model.effects());
+        let before = Model { force, effects, ..result.before };
+        let completed = self.result(DiagnosisResult { before, ..result }, &fitted)?;
+        let rsse_n = completed.confirm.iter().map(|run| run.before.rsse_n);
+        let before = model_of(&completed.before, Some(&self.train), &base, rsse_n);
+        Ok(DiagnosisResult { before, ..completed })
     }
 
     /// `result` with the model `fitted`, which has the terms of `result` and may lack some of its effects: the terms have taken these over.
@@ -131,7 +119,8 @@ impl<'a> Completion<'a> {
         let remaining = remaining_error(&self.confirm, [&both[0], &both[1]], noise_n, self.settings);
         let test = test_runs::read(&self.test, &on_test[0], &on_test[1], noise_n, self.settings);
         let held = test.as_ref().is_none_or(TestResult::proves);
-        let after = self.model(&before, fitted, confirm.iter().map(|run| run.after.rsse_n));
+        let rsse_n = confirm.iter().map(|run| run.after.rsse_n);
+        let after = model_of(&before, Some(&self.train), fitted, rsse_n);
         // With a term, the base lacks something that is known.
         let base_fault = base_fault.filter(|_| discovery.terms.is_empty());
         let named = held && !(kept.is_empty() && discovery.terms.is_empty());

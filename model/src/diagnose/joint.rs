@@ -52,6 +52,11 @@ impl Fitted {
         let squares = dot(&residual_n, &residual_n);
         squares.is_finite().then_some(Self { model, predicted_n, residual_n, squares })
     }
+
+    /// Squared error of `model` without fitting, N²; infinite if its simulation is not finite.
+    pub(super) fn squares_of(model: &Augmented, rows: &Rows) -> f64 {
+        Self::as_is(*model, rows).map_or(f64::INFINITY, |fitted| fitted.squares)
+    }
 }
 
 /// Derivatives known from a nearby point, one for each number; `None` where a derivative is not known, and no derivatives if none is.

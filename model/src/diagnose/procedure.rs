@@ -162,7 +162,7 @@ impl<'a> Procedure<'a> {
     }
 
     /// Leaves out the check against an alternative structure: the caller compares structures. None of them need be the damper's, so effects
-    /// that are too small for that are refused ([`super::round::LEAST_OF_FORCE`]).
+    /// that are too small for that are refused ([`Thresholds::least_of_force`]).
     pub(super) fn with_structure_compared(self) -> Self {
         Self { structure_compared: true, ..self }
     }

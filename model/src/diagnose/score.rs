@@ -128,8 +128,6 @@ impl Scores {
         let [low, high] = joint.ranges.of(score.effect, 0, parameter, size);
         let amount = |share: f64| (neutral + share * score.regressed).clamp(low, high);
         let at = |amount: f64| with_amount(joint, fitted, score.effect, amount, score.shape);
-        let squares =
-            |model: &Augmented| Fitted::as_is(*model, joint.rows).map_or(f64::INFINITY, |f| f.squares);
         // With the effect absent the model is as good as before, so the start is never worse than `fitted`.
         let mut start = at(neutral)?;
         let mut least = fitted.squares;
@@ -137,7 +135,7 @@ impl Scores {
             let plain = at(amount)?;
             let moved = self.span.makes_room(joint, &plain, &score.whole, amount - neutral);
             for other in [Some(plain), moved].into_iter().flatten() {
-                let found = squares(&other);
+                let found = Fitted::squares_of(&other, joint.rows);
                 if found < least {
                     (start, least) = (other, found);
                 }

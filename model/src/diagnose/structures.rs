@@ -314,9 +314,8 @@ impl Choice<'_> {
         let Self { options, all: runs, ref confirm, watch, .. } = *self;
         let with_degree = |degree| -> Result<(f64, Model), Error> {
             let model = identified(spec, runs, &Options { restarts, degree, ..options.clone() }, watch)?;
-            let fitted = test_runs::fitted(confirm, &model.augmented());
             // A model that diverges on the validation runs may still be the only one.
-            Ok((fitted.map_or(f64::INFINITY, |fit| fit.squares), model))
+            Ok((Fitted::squares_of(&model.augmented(), confirm), model))
         };
         let [first, second] = LAW_DEGREES;
         match rayon::join(|| with_degree(first), || with_degree(second)) {

@@ -1,6 +1,7 @@
 //! The trait that the file of an effect implements: the properties of the effect and its step.
 
 use super::run::{EffectState, Inside};
+use super::term::Past;
 use super::{Effect, MAX_EFFECT_PARAMETERS};
 use crate::force::law::Scale;
 use crate::force::{Inputs, Number};
@@ -21,6 +22,9 @@ pub(super) trait Definition {
         inputs: &Inputs<R>,
         inside: &mut Inside<R>,
     ) -> Option<R>;
+
+    /// Prepares the state before the first sample of a simulation that begins within a run. An effect that forgets within a second needs nothing.
+    fn resume<R: Number>(_: &mut EffectState<R>, _: &Past) {}
 }
 
 /// The properties of an effect in one form.

@@ -11,6 +11,7 @@
 //!
 //! Time starts at the first sample, and again after a gap, because the length of a gap is not known here.
 
+use super::term::Past;
 use super::{Definition, EffectState, Inside, Inversion, Layer, Parameter, Properties, Unit, Values};
 use crate::force::law::Scale;
 use crate::force::{Inputs, Number};
@@ -60,5 +61,9 @@ impl Definition for LoadCellDrift {
         };
         let time_s = state.held[0];
         Some(inside.run(inputs)? + rate_n_s * time_s)
+    }
+
+    fn resume<R: Number>(state: &mut EffectState<R>, past: &Past) {
+        state.held[0] = R::from(past.time_s);
     }
 }

@@ -114,6 +114,7 @@ use crate::force::{Inputs, Number};
 use definition::{Definition, Inversion, Properties, Refinement, Values};
 use parts::Lag;
 use run::{EffectState, Inside};
+use term::Past;
 
 /// Largest number of effects around one model.
 pub const MAX_EFFECTS: usize = 3;
@@ -163,6 +164,13 @@ macro_rules! effects {
             ) -> Option<R> {
                 match self {
                     $($(Self::$form => <$file::$form as Definition>::step(values, state, inputs, inside),)+)+
+                }
+            }
+
+            /// See [`Definition::resume`].
+            fn resume<R: Number>(self, state: &mut EffectState<R>, past: &Past) {
+                match self {
+                    $($(Self::$form => <$file::$form as Definition>::resume(state, past),)+)+
                 }
             }
         }

@@ -498,15 +498,12 @@ impl AugmentedState {
     }
 }
 
-impl<R: Real + Default> EffectState<R> {
+impl<R: Number + Default> EffectState<R> {
     /// Before the first sample of a simulation that begins within a run, for each of `effects`.
     fn after(effects: &[EffectModel<R>], past: &Past) -> [Self; MAX_EFFECTS] {
         let mut states = [Self::default(); MAX_EFFECTS];
         for (state, effect) in states.iter_mut().zip(effects) {
-            // The other effects forget within a second.
-            if effect.effect == Effect::LoadCellDrift {
-                state.held[0] = R::from(past.time_s);
-            }
+            effect.effect.resume(state, past);
         }
         states
     }

@@ -116,7 +116,7 @@ pub struct Dataset {
     pub rows: Vec<Row>,
     /// Ranges over the counted rows.
     pub envelope: Envelope,
-    /// What the run holds before segments that begin within it; see [`Dataset::past`].
+    /// The past of each segment that begins within the run; see [`Dataset::past`].
     pub(crate) pasts: Vec<(Stamp, Past)>,
 }
 
@@ -150,16 +150,15 @@ impl Dataset {
         }
         mark(&mut rows, conditioning, options.moving_only.then_some(&raw_m));
         let rate_hz = run.displacement_m.mean_rate_hz().unwrap_or(0.0) / every as f64;
-        let data = Self::from_rows(&run.name, run.drive_kind(), *conditioning, rate_hz, rows);
-        let mut envelope = data.envelope;
+        let mut data = Self::from_rows(&run.name, run.drive_kind(), *conditioning, rate_hz, rows);
         for value in run.case_temp_c.iter().flat_map(|trace| &trace.values) {
-            Envelope::widen(&mut envelope.case_temp_c, *value);
+            Envelope::widen(&mut data.envelope.case_temp_c, *value);
         }
-        Ok(Self { envelope, ..data })
+        Ok(data)
     }
 
-    /// A run of the given rows, which are conditioned as stated; the ranges follow from the counted ones, except that of the temperature, which
-    /// stays unknown.
+    /// A run of the given rows, which are conditioned as stated. The ranges follow from the counted rows; the range of the temperature stays
+    /// unknown.
     #[must_use]
     pub fn from_rows(
         name: &str,
@@ -191,7 +190,7 @@ impl Dataset {
         Self { name: self.name.clone(), rows, pasts: self.pasts.clone(), ..*self }
     }
 
-    /// What the run holds before the segment that begins with `row`. `None` if that is not known: at the start of a recording and after a gap.
+    /// The past of the segment that begins with `row`. `None` if that is not known: at the start of a recording and after a gap.
     pub(crate) fn past(&self, row: &Row) -> Option<&Past> {
         self.pasts.iter().find_map(|(stamp, past)| (*stamp == row.stamp).then_some(past))
     }

@@ -8,7 +8,7 @@
 //! damper, and for other numbers of the term only the term itself and the filter of the output, over all samples.
 
 use super::series::Filters;
-use super::with_term;
+use super::{with_term, with_terms};
 use crate::diagnose::rows::{Rows, RunRows, is_driven};
 use crate::effect::Augmented;
 use crate::effect::term::{MAX_TERM_VALUES, Term, Terms, TermsState, around};
@@ -42,7 +42,7 @@ impl<'a> Damper<'a> {
         }
         let on_inputs: Vec<Term> =
             effects.terms().iter().filter(|term| term.kind().0.acts_on_input()).copied().collect();
-        let inside = Augmented::new(*model.force(), effects.with_terms(Terms::new(&on_inputs).ok()?)).ok()?;
+        let inside = with_terms(model, &on_inputs).ok()?;
         let of_run = |run: &RunRows| {
             let mut force_n = Vec::with_capacity(run.dataset.rows.len());
             run.simulate(&inside, |simulated_n, _| force_n.push(simulated_n.unwrap_or(f64::NAN)));

@@ -416,7 +416,7 @@ impl<'a> Search<'a> {
 
     /// Squared error of a model on the validation runs, N²; infinite if it cannot be simulated on them.
     fn confirm_squares(&self, fitted: &Fitted) -> f64 {
-        Fitted::as_is(fitted.model, self.confirm).map_or(f64::INFINITY, |fitted| fitted.squares)
+        Fitted::squares_of(&fitted.model, self.confirm)
     }
 
     /// True if the squared errors of `fitted` on the validation runs are at most those of `goal`. False for a model that cannot be simulated on
@@ -524,5 +524,10 @@ impl<'a> Search<'a> {
 fn with_term(model: &Augmented, term: Term) -> Result<Augmented, Error> {
     let mut terms: Vec<Term> = model.effects().terms().iter().copied().collect();
     terms.push(term);
-    Augmented::new(*model.force(), model.effects().with_terms(Terms::new(&terms)?))
+    with_terms(model, &terms)
+}
+
+/// `model` with `terms` in place of its own.
+fn with_terms(model: &Augmented, terms: &[Term]) -> Result<Augmented, Error> {
+    Augmented::new(*model.force(), model.effects().with_terms(Terms::new(terms)?))
 }

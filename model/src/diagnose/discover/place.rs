@@ -12,9 +12,10 @@
 
 use super::around::Damper;
 use super::series::Series;
+use super::with_terms;
 use crate::diagnose::rows::{Rows, dot};
 use crate::effect::Augmented;
-use crate::effect::term::{Argument, Form, Term, Terms};
+use crate::effect::term::{Argument, Form, Term};
 use crate::error::Error;
 use crate::statistics::range;
 
@@ -60,10 +61,6 @@ pub(in crate::diagnose) fn placed(
         }
     }
     with_terms(&model, &terms)
-}
-
-fn with_terms(model: &Augmented, terms: &[Term]) -> Result<Augmented, Error> {
-    Augmented::new(*model.force(), model.effects().with_terms(Terms::new(terms)?))
 }
 
 /// True if the first parameter of the term is a place on an argument that counts from the start.

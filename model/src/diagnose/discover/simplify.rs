@@ -16,11 +16,10 @@
 
 use super::screen::{OF_CONSTANT, repeats};
 use super::series::Series;
-use super::{Claim, Found, Search, SquaredErrors};
+use super::{Claim, Found, Search, SquaredErrors, with_terms};
 use crate::diagnose::joint::Fitted;
 use crate::diagnose::rows::dot;
-use crate::effect::Augmented;
-use crate::effect::term::{Form, Term, Terms};
+use crate::effect::term::{Form, Term};
 use crate::error::Error;
 use crate::statistics::range;
 use rayon::prelude::*;
@@ -70,8 +69,8 @@ pub(super) fn simplify(search: &Search, found: &mut Found) -> Result<bool, Error
     Ok(found.discovery.terms.len() < most || changed && fits_better())
 }
 
-/// The best model with a simpler form of term `index`, or without the term if it is not needed: a simpler form may be that of an effect in the model,
-/// which then takes its place. `None` if there is no simpler form, unless the model has `changed` since the term was found.
+/// The best model with a simpler form of term `index`, or without the term if it is not needed: an effect in the model may have the simpler form, and
+/// then takes its place. `None` without a simpler form, unless the model has `changed` since the term was found.
 fn simpler(search: &Search, fitted: &Fitted, index: usize, changed: bool) -> Result<Option<Fitted>, Error> {
     let terms: Vec<Term> = fitted.model.effects().terms().iter().copied().collect();
     let candidates = candidates(search, fitted, &terms, index);
@@ -81,8 +80,7 @@ fn simpler(search: &Search, fitted: &Fitted, index: usize, changed: bool) -> Res
     let refit = |candidate: Option<Term>| -> Result<Option<(Fitted, SquaredErrors)>, Error> {
         let mut with_candidate = terms.clone();
         with_candidate.splice(index..=index, candidate);
-        let effects = fitted.model.effects().with_terms(Terms::new(&with_candidate)?);
-        let model = Augmented::new(*fitted.model.force(), effects)?;
+        let model = with_terms(&fitted.model, &with_candidate)?;
         let Some(other) = search.joint.refit(&model, REFIT)? else { return Ok(None) };
         Ok(search.confirm_errors(&other)?.map(|errors| (other, errors)))
     };

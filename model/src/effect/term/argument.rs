@@ -204,7 +204,7 @@ impl Argument {
     }
 }
 
-/// What a run holds before the first sample of a simulation that begins within it.
+/// The past of a simulation that begins within a run: the signals that count from the start of the run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Past {
     /// Time since the first sample of the run, s.
@@ -221,7 +221,7 @@ pub(crate) struct Past {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Signals<R = f64> {
     begun: bool,
-    /// Before the first sample: time, path, energy and first temperature are those of a [`Past`].
+    /// Before the first sample: a [`Past`] gave time, path, energy and first temperature.
     resumed: bool,
     time_s: f64,
     /// Time since the sample before, s; 0 at the first one.
@@ -256,7 +256,7 @@ impl<R: Real> Signals<R> {
         self.step_s
     }
 
-    /// What the run holds before a simulation that begins with this sample.
+    /// The past of a simulation that begins with this sample.
     pub(crate) fn past(&self) -> Past {
         let Self { time_s, path_m, energy_j, first_temp_c, .. } = *self;
         Past { time_s, path_m: path_m.re(), energy_j: energy_j.re(), first_temp_c }
