@@ -1,6 +1,7 @@
 //! The columns of the run format: the quantity that a header names, and the conversion of its unit to SI.
 
 use crate::extract::Dimension;
+use crate::unit::TIME;
 use mr_damper_model::units::{M_PER_IN, N_PER_LBF};
 
 /// A quantity that the run format knows, in the order in which columns are written.
@@ -142,13 +143,14 @@ impl Quantity {
 
 /// All names of the run format, for messages.
 pub(super) fn all_names() -> String {
-    let names: Vec<String> = Quantity::ALL.into_iter().map(Quantity::names).collect();
-    format!("time_s, {}", names.join(", "))
+    let times = TIME.iter().map(|unit| format!("time_{}", unit.name));
+    let names: Vec<String> = times.chain(Quantity::ALL.into_iter().map(Quantity::names)).collect();
+    names.join(", ")
 }
 
 /// The meaning of a header cell.
 pub(super) enum Column {
-    /// `time_s`.
+    /// `time_s`. A time in another unit is [`Self::Other`], because it may stand beside `time_s`.
     Time,
     /// A known quantity, with the conversion of its values to SI.
     Known(Quantity, fn(f64) -> f64),

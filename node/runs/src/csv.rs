@@ -4,8 +4,14 @@
 //! An empty cell means that the channel has no sample at the row's time. In this way channels with different rates share one
 //! table, and a bag can be converted to CSV and back. Empty cells are reported in a note, because in a hand-made file they
 //! are more often an omission.
+//!
+//! Lines before the header that begin with `#` are comments. The last of them is the header if it names the time and the row below it
+//! does not, as `numpy.savetxt` writes it.
 
-use super::column::{Column, Quantity, THESIS_ORDER, all_names};
+mod header;
+mod lines;
+
+use super::column::{Column, Quantity, THESIS_ORDER};
 use super::decimal::{parse_nanos, seconds_text};
 use super::error::MapFault;
 use super::map::{Channel, Convert, Map, Mapping};
@@ -14,8 +20,10 @@ use super::suggest;
 use super::unit::{self, TIME, TimeUnit, Unit};
 use super::{LoadOptions, Note, RunError};
 use csv::{ByteRecord, ReaderBuilder, Trim};
+use header::{HeaderFault, ROWS_COMPARED, shown, without_bom};
+use lines::Lines;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
 /// Number of faults of skipped rows that are kept for the note.
@@ -38,35 +46,104 @@ pub(super) fn read(
 
 /// Reads a table with a header row.
 fn read_headed<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> Result<Table<'a>, RunError> {
-    // `flexible`, because rows of the wrong length are reported here, with line and column.
-    let mut reader =
-        ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(source);
+    let mut source = BufReader::new(source);
+    let Begin { line, text, comment } = Begin::read(&mut source).map_err(RunError::io(path, "read"))?;
+    let mut reader = records(Lines::from_line(Cursor::new(text).chain(source), line));
     let mut row = ByteRecord::new();
-    if !read_row(path, &mut reader, &mut row)? {
-        return Err(RunError::NoDisplacement { path: path.to_owned(), hint: "the file is empty".into() });
+    let Some(mut line) = read_row(path, &mut reader, &mut row)? else {
+        let hint = if comment.is_some() {
+            "the file holds only comments, which begin with `#`"
+        } else {
+            "the file is empty"
+        };
+        return Err(RunError::NoDisplacement { path: path.to_owned(), hint: hint.into() });
+    };
+    let mut rows = Vec::with_capacity(ROWS_COMPARED);
+    let comment = comment.filter(|(_, fields)| fields.len() == row.len());
+    match comment.as_ref().map(|(above, fields)| (*above, header::in_comment(fields, &options.map))) {
+        Some((above, names))
+            if header::names_time(&names, &options.map) && !header::names_time(&row, &options.map) =>
+        {
+            rows.push((line, std::mem::replace(&mut row, names)));
+            line = above;
+        }
+        _ => {
+            let comment = comment.map(|(above, _)| above);
+            if let Some(fault) = header::only_numbers(&row, comment, &options.map) {
+                return Err(RunError::Header { path: path.to_owned(), line, why: fault.to_string() });
+            }
+        }
     }
-    let line = row.position().map_or(1, csv::Position::line);
     let mut table = Table::from_header(path, line, &row, options)?;
-    while read_row(path, &mut reader, &mut row)? {
-        let line = row.position().map_or(0, csv::Position::line);
+    while rows.len() < ROWS_COMPARED
+        && let Some(line) = read_row(path, &mut reader, &mut row)?
+    {
+        rows.push((line, row.clone()));
+    }
+    table.compare(&rows)?;
+    for (line, row) in rows {
+        table.push(line, &row)?;
+    }
+    while let Some(line) = read_row(path, &mut reader, &mut row)? {
         table.push(line, &row)?;
     }
     Ok(table)
 }
 
-/// Reads the next row that is not blank; false at the end of the file.
+/// The beginning of a file.
+struct Begin {
+    /// The first line that is neither blank nor a comment, from 1.
+    line: u64,
+    /// Its text; empty at the end of the file.
+    text: Vec<u8>,
+    /// The last comment above it: its line and its fields.
+    comment: Option<(u64, ByteRecord)>,
+}
+
+impl Begin {
+    fn read(source: &mut impl BufRead) -> std::io::Result<Self> {
+        let mut begin = Self { line: 1, text: Vec::new(), comment: None };
+        loop {
+            begin.text.clear();
+            let is_end = source.read_until(b'\n', &mut begin.text)? == 0;
+            let content = if begin.line == 1 { without_bom(&begin.text) } else { &begin.text[..] };
+            let content = content.trim_ascii();
+            if content.starts_with(b"#") {
+                let mut fields = ByteRecord::new();
+                records(content).read_byte_record(&mut fields)?;
+                begin.comment = Some((begin.line, fields));
+            } else if is_end || !content.is_empty() {
+                return Ok(begin);
+            }
+            begin.line += 1;
+        }
+    }
+}
+
+/// A reader of records.
+fn records<R: Read>(source: R) -> csv::Reader<R> {
+    // `flexible`, because rows of the wrong length are reported here, with line and column.
+    ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(source)
+}
+
+/// Reads the next row that is not blank, and returns its line; `None` at the end of the file.
 fn read_row(
     path: &Path,
-    reader: &mut csv::Reader<impl Read>,
+    reader: &mut csv::Reader<Lines<impl Read>>,
     row: &mut ByteRecord,
-) -> Result<bool, RunError> {
+) -> Result<Option<u64>, RunError> {
     loop {
         let more = reader
             .read_byte_record(row)
             .map_err(|error| RunError::io(path, "read")(std::io::Error::from(error)))?;
-        let blank = row.len() == 1 && row[0].is_empty();
-        if !more || !blank {
-            return Ok(more);
+        if !more {
+            return Ok(None);
+        }
+        let begins = row.position().map_or(0, csv::Position::byte);
+        let line = reader.get_mut().of_record(begins);
+        let is_blank = row.len() == 1 && row[0].is_empty();
+        if !is_blank {
+            return Ok(Some(line));
         }
     }
 }
@@ -82,7 +159,7 @@ fn read_thesis<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> 
         if reader.read_until(b'\n', &mut text).map_err(RunError::io(path, "read"))? == 0 {
             break;
         }
-        let content = if line == 1 { text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text) } else { &text[..] };
+        let content = if line == 1 { without_bom(&text) } else { &text[..] };
         row.clear();
         if content.contains(&b',') {
             content.split(|&b| b == b',').for_each(|field| row.push_field(field.trim_ascii()));
@@ -205,6 +282,8 @@ pub(super) struct Table<'a> {
     kept: u64,
     skipped: u64,
     faults: Vec<String>,
+    /// The fault of the header that the first rows show, if bad rows are skipped.
+    header_fault: Option<RunError>,
     /// Notes on the header.
     notes: Vec<Note>,
 }
@@ -216,16 +295,21 @@ impl<'a> Table<'a> {
         header: &ByteRecord,
         options: &LoadOptions,
     ) -> Result<Self, RunError> {
-        let fail = |why: String| RunError::Header { path: path.to_owned(), line, why };
-        let headers = headers(header).map_err(|fault| fail(fault.to_string()))?;
-        let by_name: Vec<Use> = headers.iter().map(|header| Use::by_name(header)).collect();
+        let fail =
+            |fault: HeaderFault| RunError::Header { path: path.to_owned(), line, why: fault.to_string() };
+        let headers = header::names(header).map_err(fail)?;
+        let mut by_name: Vec<Use> = headers.iter().map(|header| Use::by_name(header)).collect();
+        // Without `time_s`, the time may be in another unit. Beside it, such a column is carried through.
+        if options.map.of_time().is_none() && !by_name.iter().any(|what| matches!(what, Use::Time)) {
+            let times =
+                by_name.iter_mut().zip(&headers).filter(|(_, name)| TimeUnit::of_name(name).is_some());
+            times.for_each(|(what, _)| *what = Use::Time);
+        }
         for (index, (name, what)) in headers.iter().zip(&by_name).enumerate() {
             let same = |(other, of): &(&String, &Use)| same_column(other, of, name, what);
             let twin = headers[..index].iter().zip(&by_name).find(same);
             if let Some((twin, _)) = twin.filter(|_| !what.is_mapped(&options.map)) {
-                return Err(fail(format!(
-                    "columns `{twin}` and `{name}` are the same quantity: remove one of them"
-                )));
+                return Err(fail(HeaderFault::SameQuantity { first: twin.clone(), second: name.clone() }));
             }
         }
         let mut table = Self {
@@ -239,6 +323,7 @@ impl<'a> Table<'a> {
             kept: 0,
             skipped: 0,
             faults: vec![],
+            header_fault: None,
             notes: vec![],
         };
         let mut mapped = Vec::new();
@@ -256,7 +341,7 @@ impl<'a> Table<'a> {
             table.columns.iter().any(|c| matches!(c.what, Use::Known(Quantity::Displacement, _)));
         let no_time = table.time.0 == table.headers.len();
         if no_time || !has_displacement {
-            return Err(fail(missing(no_time, &table.headers)));
+            return Err(fail(header::missing(no_time, !has_displacement, &table.headers)));
         }
         Ok(table)
     }
@@ -324,11 +409,25 @@ impl<'a> Table<'a> {
                     }
                     continue;
                 }
-                Use::Time => self.time.0 = field,
+                Use::Time => self.time = (field, TimeUnit::of_name(header).unwrap_or(TIME[0])),
                 Use::Known(..) | Use::Other => {}
             }
             self.columns.push(Reading::new(field, header, *what));
         }
+    }
+
+    /// Compares the header with the first rows below it, which come with their lines. A fault of the header is an error; with `skip_bad_rows`
+    /// it is one only if most rows are bad.
+    fn compare(&mut self, rows: &[(u64, ByteRecord)]) -> Result<(), RunError> {
+        let records: Vec<_> = rows.iter().map(|(_, row)| row.clone()).collect();
+        let fault = header::against(self.headers.len(), &records);
+        let (Some(fault), Some((line, _))) = (fault, rows.first()) else { return Ok(()) };
+        let error = RunError::Header { path: self.path.to_owned(), line: *line, why: fault.to_string() };
+        if !self.skip_bad_rows {
+            return Err(error);
+        }
+        self.header_fault = Some(error);
+        Ok(())
     }
 
     /// Adds a row. A bad row is an error, or is dropped with `skip_bad_rows`.
@@ -424,6 +523,9 @@ impl<'a> Table<'a> {
     pub(super) fn into_run(self, options: &LoadOptions, notes: &mut Vec<Note>) -> Result<Run, RunError> {
         let path = self.path;
         if self.skipped > self.kept {
+            if let Some(fault) = self.header_fault {
+                return Err(fault);
+            }
             let (skipped, kept) = (self.skipped, self.kept);
             let first = self.faults.into_iter().next().unwrap_or_default();
             return Err(RunError::MostlyBad { path: path.to_owned(), skipped, kept, first });
@@ -514,71 +616,6 @@ fn same_column(a_name: &str, a: &Use, b_name: &str, b: &Use) -> bool {
         (Use::Other, Use::Other) => a_name == b_name,
         _ => false,
     }
-}
-
-/// A column without a usable name. Columns count from 1.
-#[derive(Debug, thiserror::Error)]
-enum HeaderFault {
-    #[error("column {number} is named `{name}`, which is not UTF-8: save the file as UTF-8")]
-    NotUtf8 { number: usize, name: String },
-    #[error("column {number} has no name: name it or remove it")]
-    Unnamed { number: usize },
-}
-
-/// The names of the columns.
-fn headers(header: &ByteRecord) -> Result<Vec<String>, HeaderFault> {
-    let name_of = |(index, name): (usize, &[u8])| {
-        let name = if index == 0 { name.strip_prefix(b"\xef\xbb\xbf").unwrap_or(name) } else { name };
-        let number = index + 1;
-        let text = std::str::from_utf8(name.trim_ascii())
-            .map_err(|_| HeaderFault::NotUtf8 { number, name: String::from_utf8_lossy(name).into_owned() })?;
-        // A name of Unicode blanks is refused, because it could not be written again.
-        if text.trim().is_empty() {
-            return Err(HeaderFault::Unnamed { number });
-        }
-        Ok(text.to_owned())
-    };
-    header.iter().enumerate().map(name_of).collect()
-}
-
-/// The names of the columns, for a message.
-fn shown(headers: &[String]) -> String {
-    headers.join(", ").chars().take(200).collect()
-}
-
-/// A message about what the header lacks, with the likeliest reason.
-fn missing(no_time: bool, headers: &[String]) -> String {
-    if headers.iter().all(|name| number(name.as_bytes()).is_some()) {
-        return "the first row holds numbers, so the header row is missing: name the columns, or give \
-                --thesis-txt for the order time, displacement, force, current, ambient, case, set point"
-            .into();
-    }
-    if let [only] = headers
-        && only.contains([';', '\t'])
-    {
-        return format!(
-            "no column `time_s` among: {}; the fields seem to be split by `;` or tabs: split them by commas",
-            shown(headers)
-        );
-    }
-    let has_displacement =
-        |name: &String| matches!(Column::of_header(name), Column::Known(Quantity::Displacement, _));
-    let displacement = || format!("displacement ({})", Quantity::Displacement.names());
-    let (lacks, channel) = match (no_time, headers.iter().any(has_displacement)) {
-        (true, true) => ("`time_s`".to_owned(), "time"),
-        (true, false) => (format!("`time_s` and no {}", displacement()), "time"),
-        (false, _) => (displacement(), "displacement"),
-    };
-    let is_time = |header: &&str| matches!(Column::of_header(header), Column::Time);
-    let free = headers.iter().map(String::as_str).filter(|header| no_time || !is_time(header));
-    let flag = suggest::column_for(channel, free);
-    let say = flag.map(|flag| format!(", or say which column it is, as in {flag}")).unwrap_or_default();
-    format!(
-        "no column {lacks} among: {}; the unit belongs to the name, as in displacement_mm{say}, or name the columns with --column \
-         NAME=HEADER,...; all names are {}",
-        shown(headers),
-        all_names()
-    )
 }
 
 /// A decimal number, finite or not; `None` if the text is not a number.

@@ -52,7 +52,7 @@ pub enum RunError {
     Header {
         /// The CSV file.
         path: PathBuf,
-        /// Line of the header, from 1.
+        /// Line of the header, or of a row below it that shows the fault, from 1.
         line: u64,
         /// The fault, and advice.
         why: String,

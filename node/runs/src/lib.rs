@@ -33,6 +33,7 @@ mod bag_types;
 mod bag_write;
 pub mod bus;
 mod column;
+mod convert;
 mod csv;
 mod csv_write;
 mod cycles;
@@ -62,6 +63,7 @@ mod wire;
 pub use bag_save::BagMessages;
 pub use bag_types::{BagOptions, Storage, Sync, Topic};
 pub use bag_write::{BagSummary, BagWriter, TopicId};
+pub use convert::{Converted, Written, convert};
 pub use error::{DbcFault, LineFault, MapFault, RunError};
 pub use frame::{Column, Values, from_columns, of_run};
 pub use map::{ColumnMapping, Map, MapError, MapFileError, Mapping};
@@ -71,6 +73,7 @@ pub use sign::{Sign, SignError};
 pub use whole::{write_bytes, write_text};
 
 use hash::{Hash, HashingReader};
+use mr_damper_base::shown;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::borrow::Cow;
 use std::fs::{self, File};
@@ -145,18 +148,26 @@ impl RunSection {
             false => Vec::new(),
         };
         let first = run.displacement_m.stamps.first().copied().unwrap_or_default();
-        let (mut from, mut to) = (first, Stamp::from_nanos(i64::MAX));
+        let (mut from, mut to, mut length_s) = (first, Stamp::from_nanos(i64::MAX), run.duration().get());
+        let no_cycle = "displacement never rises twice through the middle of its range, so the run has no whole cycle: cut it with \
+                        --start and --duration alone";
         if let Some((begin, end)) = self.cycles {
             // The end of a cycle is the start of the next one.
             let start = |cycle: u32| starts.get(cycle as usize).copied();
             match (begin.checked_sub(1).and_then(start), start(end)) {
-                (Some(begins), Some(ends)) if begin <= end => (from, to) = (begins, ends),
+                (Some(begins), Some(ends)) if begin <= end => {
+                    (from, to, length_s) = (begins, ends, ends.since(begins).get());
+                }
                 _ => {
                     let (what, whole) = (format!("cycles {begin}:{end}"), starts.len().saturating_sub(1));
-                    let why = format!(
-                        "the run has {whole} whole cycles, in which displacement rises through the middle of its range; give the \
-                         first and the last, from 1:1 to 1:{whole}"
-                    );
+                    let why = match whole {
+                        0 => no_cycle.to_owned(),
+                        _ => format!(
+                            "the run has {}, in which displacement rises through the middle of its range; give the first and the \
+                             last, from 1:1 to 1:{whole}",
+                            shown::count(whole, "whole cycle")
+                        ),
+                    };
                     return Err(unwritable(what, why));
                 }
             }
@@ -165,13 +176,20 @@ impl RunSection {
         let end = self.duration_s.map_or(to, |length| at(self.start_s + length).min(to));
         let (mut from, mut to) = (at(self.start_s), end);
         if self.whole_cycles {
+            let has_cycle = starts.len() > 1;
             let within: Vec<Stamp> =
                 starts.into_iter().filter(|start| *start >= from && *start <= to).collect();
             match within.as_slice() {
                 [begin, .., end] => (from, to) = (*begin, *end),
                 _ => {
                     let what = format!("whole cycles from {} s on", self.start_s);
-                    return Err(unwritable(what, "this part of the run holds no whole cycle".to_owned()));
+                    let why = match has_cycle {
+                        true => {
+                            "this part of the run holds no whole cycle: make it longer, or leave --whole-cycles out"
+                        }
+                        false => no_cycle,
+                    };
+                    return Err(unwritable(what, why.to_owned()));
                 }
             }
         }
@@ -179,10 +197,25 @@ impl RunSection {
         if self.start_s >= 0.0 && !cut.displacement_m.is_empty() {
             return Ok(Cow::Owned(cut));
         }
-        Err(unwritable(
-            format!("the part from {} s on", self.start_s),
-            format!("the run has {:.3} s of displacement, none of it in this part", run.duration().get()),
-        ))
+        let in_cycles =
+            self.cycles.map(|(begin, end)| format!(" in cycles {begin}:{end}")).unwrap_or_default();
+        let what = format!("the part from {} s on{in_cycles}", self.start_s);
+        let why = match self.duration_s {
+            _ if self.start_s.is_nan() || self.start_s < 0.0 => "the start must be 0 s or more".to_owned(),
+            Some(duration_s) if duration_s.is_nan() || duration_s <= 0.0 => {
+                format!("its duration is {duration_s} s, but must be above 0 s")
+            }
+            _ if self.start_s < length_s => {
+                "no sample of displacement is in this part: give a longer duration".to_owned()
+            }
+            _ if self.cycles.is_some() => format!(
+                "these cycles end {length_s:.3} s after they begin, and the start counts from there: give an earlier start"
+            ),
+            _ => format!(
+                "the run has {length_s:.3} s of displacement, none of it in this part: give an earlier start"
+            ),
+        };
+        Err(unwritable(what, why))
     }
 }
 
@@ -288,13 +321,19 @@ fn load_csv(
 /// When the target exists or cannot be written, or the format cannot hold the run (a bag: times before 1970 or after 2038).
 /// After an error no partial output remains.
 pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunError> {
+    write_part(run, path, options).map(|_| ())
+}
+
+/// [`save`], with the displacement that was written.
+fn write_part(run: &Run, path: &Path, options: &SaveOptions) -> Result<Written, RunError> {
     refuse_existing(path)?;
     let even = options.resample_hz.map(|rate_hz| resample::resampled(run, rate_hz, path)).transpose()?;
     let run = &*options.part.of(even.as_ref().unwrap_or(run), path)?;
     match extension(path).as_str() {
-        "csv" => write_file(path, |sink| csv_write::write(run, path, sink)),
-        _ => write_bag(run, path, &options.namespace, &options.bag, &mut bag_save::RunAlone),
+        "csv" => write_file(path, |sink| csv_write::write(run, path, sink))?,
+        _ => write_bag(run, path, &options.namespace, &options.bag, &mut bag_save::RunAlone)?,
     }
+    Ok(Written::of(run))
 }
 
 /// Writes a run, with topics below `namespace`, and `messages` as a bag: to a bare `.mcap` or `.db3` file, or to a new bag directory if
@@ -334,19 +373,6 @@ fn write_bag(
         "" => bag_save::save(run, path, namespace, options.clone(), messages),
         _ => Err(RunError::Target { path: path.to_owned() }),
     }
-}
-
-/// Reads `from` and writes it to `to`; returns the run that was read. Unlike [`load`], it accepts a run with both drives,
-/// and writes both.
-///
-/// # Errors
-/// The errors of [`load`] and [`save`].
-pub fn convert(from: &Path, to: &Path, load: &LoadOptions, save: &SaveOptions) -> Result<Loaded, RunError> {
-    // With either choice the other drive is carried through, and both are written under their own names.
-    let keep_both = LoadOptions { drive: load.drive.or(Some(DriveKind::CoilCurrent)), ..load.clone() };
-    let loaded = self::load(from, &keep_both)?;
-    self::save(&loaded.run, to, save)?;
-    Ok(loaded)
 }
 
 fn extension(path: &Path) -> String {

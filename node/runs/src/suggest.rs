@@ -3,7 +3,7 @@
 use super::column::Quantity;
 use super::map::flag;
 use super::names::topic_of;
-use super::unit::Unit;
+use super::unit::{TimeUnit, Unit};
 use crate::extract::{CarriesValue, DEFAULT_AXIS, Dimension, Extractor, MessagePart};
 use mr_damper_base::shown::count;
 use mr_damper_msgs::standard::JointState;
@@ -180,17 +180,38 @@ pub(super) fn signal_listing(quantity: Quantity, found: &[FoundSignal]) -> Strin
     text
 }
 
-/// The flag that maps the channel to the likeliest of these columns; `None` without columns.
-pub(super) fn column_for<'a>(channel: &str, columns: impl Iterator<Item = &'a str>) -> Option<String> {
-    let likely = |column: &&str| match Quantity::ALL
-        .into_iter()
-        .find(|quantity| topic_of(*quantity) == channel)
-    {
-        Some(quantity) => likeness(quantity, column),
-        None => usize::from(["time", "stamp"].iter().any(|word| column.to_ascii_lowercase().contains(word))),
+/// The flag that maps a quantity, or without one the time, to the likeliest of these columns; `None` if no name or unit fits.
+pub(super) fn column_for<'a>(
+    quantity: Option<Quantity>,
+    columns: impl Iterator<Item = &'a str>,
+) -> Option<String> {
+    let likely = |column: &'a str| {
+        let likely = quantity.map_or_else(|| likely_time(column), |quantity| likely_column(quantity, column));
+        Some((likely?, column))
     };
-    let columns: Vec<&str> = columns.collect();
-    columns.into_iter().rev().max_by_key(likely).map(|column| printable(&flag(channel, column)))
+    let columns: Vec<(usize, &str)> = columns.filter_map(likely).collect();
+    let (_, best) = columns.into_iter().rev().max_by_key(|(likely, _)| *likely)?;
+    Some(printable(&flag(quantity.map_or("time", topic_of), best)))
+}
+
+/// How likely a column holds the quantity: its unit must fit, or be missing, and the name decides.
+fn likely_column(quantity: Quantity, column: &str) -> Option<usize> {
+    let likeness = likeness(quantity, column);
+    let has_unit = Unit::is_in_column(column) || TimeUnit::in_column(column).is_some();
+    match Unit::in_column(quantity.dimension(), column) {
+        Some(_) => Some(1 + 2 * likeness),
+        None if likeness > 0 && !has_unit => Some(likeness),
+        None => None,
+    }
+}
+
+/// How likely a column holds the time.
+fn likely_time(column: &str) -> Option<usize> {
+    let name = column.to_ascii_lowercase();
+    let is_named = name == "t" || ["time", "stamp"].iter().any(|word| name.contains(word));
+    let likely = 2 * usize::from(is_named) + usize::from(TimeUnit::in_column(column).is_some());
+    // `v_m_s` ends in `_s`.
+    (likely > 0 && !Unit::is_in_column(column)).then_some(likely)
 }
 
 /// The name among `known` that is most similar to `name`; `None` if none is similar enough.
@@ -280,9 +301,17 @@ mod tests {
     #[test]
     fn the_likeliest_column_is_suggested() {
         let columns = ["Time [s]", "load", "Stroke [mm]"];
-        let suggested = |channel| column_for(channel, columns.into_iter()).unwrap_or_default();
-        assert_eq!(suggested("displacement"), "--map 'displacement=Stroke [mm]'");
-        assert_eq!(suggested("time"), "--map 'time=Time [s]'");
+        let suggested = |quantity| column_for(quantity, columns.into_iter()).unwrap_or_default();
+        assert_eq!(suggested(Some(Quantity::Displacement)), "--map 'displacement=Stroke [mm]'");
+        assert_eq!(suggested(None), "--map 'time=Time [s]'");
+        // Neither a name nor a unit fits, or the unit is that of another quantity.
+        for unfit in ["load", "B", "damper_kn", "pos_m_s", "damper temp [C]"] {
+            assert_eq!(column_for(Some(Quantity::Displacement), [unfit].into_iter()), None, "{unfit}");
+        }
+        for (unfit, fit) in [("v_m_s", "t"), ("x", "t_ms"), ("index", "Stamp")] {
+            assert_eq!(column_for(None, [unfit].into_iter()), None, "{unfit}");
+            assert_eq!(column_for(None, [unfit, fit].into_iter()), Some(format!("--map time={fit}")));
+        }
         assert_eq!(nearest("/susp/pso", ["/oil", "/susp/pos"].into_iter()), Some("/susp/pos"));
         assert_eq!(nearest("x", ["/oil"].into_iter()), None);
     }

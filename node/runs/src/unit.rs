@@ -20,6 +20,16 @@ impl PartialEq for Unit {
     }
 }
 
+/// All dimensions.
+const DIMENSIONS: [Dimension; 6] = [
+    Dimension::Length,
+    Dimension::Velocity,
+    Dimension::Force,
+    Dimension::Current,
+    Dimension::Voltage,
+    Dimension::Temperature,
+];
+
 const fn unit(name: &'static str, also: &'static [&'static str], to_si: fn(f64) -> f64) -> Unit {
     Unit { name, also, to_si }
 }
@@ -100,12 +110,23 @@ impl Unit {
             .max_by_key(|it| it.0)
             .map(|it| *it.1)
     }
+
+    /// True if the name of a column ends in a unit of any dimension.
+    pub(super) fn is_in_column(column: &str) -> bool {
+        DIMENSIONS.into_iter().any(|dimension| Self::in_column(dimension, column).is_some())
+    }
 }
 
 impl TimeUnit {
     /// The unit with this name, ignoring case.
     pub(super) fn named(name: &str) -> Option<Self> {
         TIME.iter().find(|unit| unit.name.eq_ignore_ascii_case(name)).copied()
+    }
+
+    /// The unit of a time in the run format: `time_s`, `time_ms`, ..., ignoring case.
+    pub(super) fn of_name(name: &str) -> Option<Self> {
+        let (stem, unit) = name.split_once('_')?;
+        Self::named(unit).filter(|_| stem.eq_ignore_ascii_case("time"))
     }
 
     /// The unit in the name of a column.

@@ -164,15 +164,10 @@ fn convert_run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         bag: args.bag.options(),
         resample_hz: args.resample,
     };
-    let loaded = mr_damper_runs::convert(&args.input, &args.output, &args.load.options()?, &save)?;
-    log_notes(&args.input, &loaded.notes);
+    let converted = mr_damper_runs::convert(&args.input, &args.output, &args.load.options()?, &save)?;
+    log_notes(&args.input, &converted.read.notes);
     if !context.quiet {
-        let (run, output) = (&loaded.run, args.output.display());
-        let (count, length_s) = (run.displacement_m.len(), run.duration().get());
-        let what = if part == RunSection::default() { "written to" } else { "a part of it written to" };
-        let input = args.input.display();
-        let text =
-            format!("{input}: {}, {length_s:.1} s, {what} {output}", shown::count(count, "displacement"));
+        let text = format!("{}: {converted}, written to {}", args.input.display(), args.output.display());
         eprintln!("{}", shown::line(&text));
     }
     Ok(())

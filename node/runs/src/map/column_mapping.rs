@@ -20,8 +20,7 @@ impl FromStr for ColumnMapping {
             return Err(form());
         }
         let unknown = || MapError::ColumnName { name: name.to_owned() };
-        let time = name.strip_prefix("time_").and_then(TimeUnit::named);
-        let channel = match (time, Column::of_header(name)) {
+        let channel = match (TimeUnit::of_name(name), Column::of_header(name)) {
             (Some(unit), _) => Channel::Time(Some(unit)),
             (None, Column::Known(quantity, _)) => {
                 Channel::Known(quantity, Unit::in_column(quantity.dimension(), name))

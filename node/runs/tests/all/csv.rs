@@ -2,7 +2,7 @@
 //! trips.
 
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
-use mr_damper_runs::{LoadOptions, Loaded, Note, RunError, SaveOptions, load, save};
+use mr_damper_runs::{ColumnMapping, LoadOptions, Loaded, Map, Note, RunError, SaveOptions, load, save};
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -166,12 +166,7 @@ fn headers_that_cannot_be_used_are_explained() {
         (
             "time_s;displacement_m\n0;0\n",
             "line 1: no column `time_s` among: time_s;displacement_m; the fields seem to be split by `;` or \
-             tabs: split them by commas",
-        ),
-        (
-            "0,0.1,5\n",
-            "line 1: the first row holds numbers, so the header row is missing: name the columns, or give \
-             --thesis-txt for the order time, displacement, force, current, ambient, case, set point",
+             tabs: split them by commas, and write numbers with decimal points",
         ),
         (
             "time_s,displacement_m,displacement_mm\n",
@@ -189,8 +184,8 @@ fn headers_that_cannot_be_used_are_explained() {
         // A header without time or displacement is answered with all names, so that one attempt more is enough.
         let (said, names) = message.split_once(", or name the columns with").unwrap_or((&message, ""));
         assert_eq!(said, format!("run.csv, {refusal_text}"));
-        assert_eq!(names.ends_with("all names are time_s, displacement_m, displacement_mm, displacement_in, velocity_m_s, \
-            velocity_mm_s, velocity_in_s, force_n, force_lbf, force_kn, current_a, current_ma, command_v, case_temp_c, \
+        assert_eq!(names.ends_with("all names are time_s, time_ms, time_us, time_ns, displacement_m, displacement_mm, displacement_in, \
+            velocity_m_s, velocity_mm_s, velocity_in_s, force_n, force_lbf, force_kn, current_a, current_ma, command_v, case_temp_c, \
             case_temp_f, body_velocity_m_s, force_request_n, ambient_temp_c, ambient_temp_f, setpoint_m, setpoint_mm, \
             setpoint_in"), refusal_text.contains("the unit belongs to the name"), "{message}");
     }
@@ -201,6 +196,192 @@ fn headers_that_cannot_be_used_are_explained() {
         assert_eq!(refusal(text, &LoadOptions::default()), expected);
     }
     assert!(refusal(b"time_s,displacement_m,\xff\n", &LoadOptions::default()).contains("not UTF-8"));
+}
+
+#[test]
+fn a_file_without_header_is_told_to_add_one() {
+    const SAID: &str = "all fields are numbers, so the file has no header row; add one with the names in the order of the columns, such as \
+                        `time_s,displacement_m,current_a,force_n`";
+    const THESIS: &str =
+        ", or give --thesis-txt for the order time, displacement, force, current, ambient, case, set point";
+    for (text, line, more) in [
+        // Equal numbers are not columns of the same quantity.
+        ("0,0,1,12.5\n0.01,0.001,1,13\n", 1, ""),
+        ("\u{feff}0.5,-1e-3,,nan\r\n", 1, ""),
+        ("0 0.1 5\n", 1, ""),
+        ("0,0.1,5,0.5,20,30,0.1\n", 1, THESIS),
+        ("  0\t0.1\t5\t0.5\t20\t30\t0.1\n", 1, THESIS),
+        ("# a title, with a comma\n\n0,1,2\n", 3, ""),
+        ("# t,x,F\n0,1,2\n", 2, "; if line 1 is the header, remove its `#`"),
+    ] {
+        assert_eq!(
+            refusal(text, &LoadOptions::default()),
+            format!("run.csv, line {line}: {SAID}{more}"),
+            "{text:?}"
+        );
+    }
+    // Numbers may be names, as pandas writes them.
+    let map = LoadOptions {
+        map: Map::new(["time=0", "displacement=1"].map(|text| text.parse().expect("a mapping")).into())
+            .expect("a map"),
+        ..LoadOptions::default()
+    };
+    assert_eq!(read("0,1\n0,5\n1,6\n", &map).expect("loads").run.displacement_m.values, [5.0, 6.0]);
+}
+
+#[test]
+fn rows_longer_than_the_header_are_not_to_be_skipped() {
+    const HEAD: &str = "time_s,displacement_m,current_a,force_n\n";
+    const COMMAS: &str = "4 expected; the numbers probably have decimal commas, and a comma splits two fields: write the numbers with \
+                          decimal points";
+    const SHORT: &str = "4 expected; the header has too few names for the rows below it: name every column, or remove the surplus \
+                         fields from every row";
+    const SEPARATOR: &str = "4 expected; the fields seem to be split by `;`, tabs or blanks: split them by commas, and write numbers \
+                             with decimal points";
+    for (rows, said) in [
+        ("0,000,0,5,1,0,12,5\n0,001,0,5,1,0,12,5\n", format!("8 fields, {COMMAS}")),
+        // Whole numbers have no comma.
+        ("0,0,001,1,12,5\n0,01,0,002,1,12,5\n", format!("6 fields, {COMMAS}")),
+        ("0,0.5,1,12,\n1,0.5,1,13,\n", format!("5 fields, {SHORT}")),
+        ("0,0.5,1,12,7,8,9,10\n", format!("8 fields, {SHORT}")),
+        ("0,000;0,5;1,0;12,5\n0,001;0,5;1,0;12,5\n", format!("5 fields, {SEPARATOR}")),
+        ("0;0.5;1;12\n1;0.5;1;12\n", format!("1 field, {SEPARATOR}")),
+        ("0\t0.5\t1\t12\n", format!("1 field, {SEPARATOR}")),
+    ] {
+        let text = format!("{HEAD}{rows}");
+        for options in [LoadOptions::default(), skipping()] {
+            assert_eq!(refusal(&text, &options), format!("run.csv, line 2: {said}"), "{rows:?}");
+        }
+    }
+    // One such row is a bad row.
+    let some = refusal(format!("{HEAD}0,0,5,1,12\n1,2,3,4\n"), &LoadOptions::default());
+    assert!(some.ends_with("line 2: 5 fields, 4 expected (`12` is one too many); correct the row, or drop such rows with --skip-bad-rows"));
+    let six = "0,0,5,1,12\n".repeat(6);
+    let good: String = (1..20).map(|k| format!("{k},2,3,4\n")).collect();
+    let run = read(format!("{HEAD}{six}{good}"), &skipping()).expect("most rows are good").run;
+    assert_eq!(run.displacement_m.len(), 19);
+}
+
+#[test]
+fn a_row_of_units_below_the_header_is_named() {
+    let text = "time_s,displacement_m,current_a,force_n\n\ns,m,A,N\n0,1,2,3\n";
+    assert_eq!(
+        refusal(text, &LoadOptions::default()),
+        "run.csv, line 3: `s, m, A, N` looks like a row of units, because no field is a number: remove the row"
+    );
+    assert_eq!(read(text, &skipping()).expect("one bad row").run.displacement_m.values, [1.0]);
+    // A row with a number is a bad row.
+    let text = "time_s,displacement_m\ns,0\n0,1\n";
+    assert!(refusal(text, &LoadOptions::default()).contains("`s` is not a time in decimal seconds"));
+}
+
+#[test]
+fn comments_before_the_header_are_skipped() {
+    let plain = good("time_s,displacement_m\n0,1\n1,2\n").run;
+    for text in [
+        "# made by X\ntime_s,displacement_m\n0,1\n1,2\n",
+        "\u{feff}# made by \"X\r\n\r\n  #, \"open\r\ntime_s,displacement_m\r\n0,1\r\n1,2\r\n",
+        // The form of numpy.savetxt.
+        "# time_s,displacement_m\n0,1\n1,2\n",
+        "# made by X\n#Time_S, Displacement_m\n0,1\n1,2\n",
+    ] {
+        assert_eq!(good(text).run.displacement_m, plain.displacement_m, "{text:?}");
+    }
+    let map = Map::new(["time=t", "displacement=x"].map(|text| text.parse().expect("a mapping")).into());
+    let options = LoadOptions { map: map.expect("a map"), ..LoadOptions::default() };
+    let run = read("# t,x\n0,1\n1,2\n", &options).expect("loads").run;
+    assert_eq!(run.displacement_m, plain.displacement_m);
+    // A `#` may be the name of a column, or belong to it.
+    for (name, rest) in
+        [("#", "time_s,displacement_m\n7,0,1\n8,1,2\n"), ("# row", "displacement_m,time_s\n7,1,0\n8,2,1\n")]
+    {
+        let run = good(format!("{name},{rest}")).run;
+        assert_eq!(run.displacement_m, plain.displacement_m);
+        assert_eq!((run.other[0].0.as_str(), &run.other[0].1.values[..]), (name, &[7.0, 8.0][..]));
+    }
+    let map = Map::new(["time=# t", "displacement=x"].map(|text| text.parse().expect("a mapping")).into());
+    let options = LoadOptions { map: map.expect("a map"), ..LoadOptions::default() };
+    assert_eq!(read("# t,x\n0,1\n1,2\n", &options).expect("loads").run.displacement_m, plain.displacement_m);
+    let units = refusal("# time_s,displacement_m\ns,m\n0,1\n", &LoadOptions::default());
+    assert!(units.contains("line 2: `s, m` looks like a row of units"), "{units}");
+    assert_eq!(
+        refusal("# nothing\n#\n", &LoadOptions::default()),
+        "run.csv: no sample of displacement; the file holds only comments, which begin with `#`"
+    );
+    let loaded = good("# made by X\ntime_s,displacement_m\n0,0\n");
+    // printf '# made by X\ntime_s,displacement_m\n0,0\n' | sha256sum
+    assert_eq!(loaded.sha256_hex(), "77cd7286c50199f794bb14c8ed6d338f8b5f47e00ff412403b647a784edad28c");
+}
+
+#[test]
+fn lines_are_numbered_as_in_an_editor() {
+    for (text, line) in [
+        ("# made by X\n# today\ntime_s,displacement_m\n0,1\n1,x\n", 5),
+        ("# time_s,displacement_m\n0,1\n1,x\n", 3),
+        ("time_s,displacement_m\r\n0,1\r\n1,x\r\n", 3),
+        ("time_s,displacement_m\n\n\n0,1\n\n1,x\n", 6),
+        ("\n\u{a0}\n", 2),
+        ("\r\n#\r\n\r\ntime_s,displacement_m\r\n\r\n0,1\r\n\r\n  \r\n1,x", 9),
+        ("time_s,displacement_m\r0,1\r1,x\r", 3),
+        ("time_s,\"displacement\n_m\"\n0,1\n1,2\n", 1),
+        ("\"time_s\",displacement_m,\"a\nb\"\n0,1,2\n1,x,2\n", 4),
+        // Beyond the buffer of the library.
+        (
+            &*format!(
+                "time_s,displacement_m\r\n{}9999,x\r\n",
+                (0..5000).map(|k| format!("{k},1\r\n")).collect::<String>()
+            ),
+            5002,
+        ),
+    ] {
+        let said = refusal(text, &LoadOptions::default());
+        assert!(said.starts_with(&format!("run.csv, line {line}")), "{line}: {said}");
+    }
+}
+
+#[test]
+fn only_columns_that_fit_are_suggested() {
+    const LACKS: &str =
+        "run.csv, line 1: no column displacement (displacement_m, displacement_mm, displacement_in) among:";
+    for (header, said) in [
+        (
+            "time_s,force_n,current_a",
+            "time_s, force_n, current_a; all of them hold other quantities: add what is missing to the file",
+        ),
+        (
+            "time_ms,force_n,current_a",
+            "time_ms, force_n, current_a; all of them hold other quantities: add what is missing to the file",
+        ),
+        ("time_s,force_n,stroke", "say which column it is, as in --map displacement=stroke, or"),
+        ("time_s,force_n,u2 [mm]", "say which column it is, as in --map 'displacement=u2 [mm]', or"),
+        ("time_s,force_n,A,load_kN", "say which column it is, as in --map displacement=COLUMN, or"),
+    ] {
+        let message = refusal(format!("{header}\n0,1,2,3\n"), &LoadOptions::default());
+        assert!(message.starts_with(LACKS) && message.contains(said), "{message}");
+    }
+    let message = refusal("displacement_m,force_n\n0,1\n", &LoadOptions::default());
+    assert!(message.ends_with("no column `time_s` among: displacement_m, force_n; all of them hold other quantities: add what is missing to \
+                               the file"), "{message}");
+    let message = refusal("index,v_m_s,displacement_m\n0,1,2\n", &LoadOptions::default());
+    assert!(message.contains("as in --map time=COLUMN, or"), "{message}");
+}
+
+#[test]
+fn a_time_may_be_in_another_unit() {
+    for (name, scale) in [("time_ms", 1_000_000), ("Time_us", 1000), ("time_ns", 1)] {
+        let loaded = good(format!("displacement_m,{name}\n0,1\n1,2\n"));
+        assert_eq!(nanos(&loaded.run.displacement_m), [scale, 2 * scale]);
+        assert_eq!(loaded.notes, []);
+    }
+    // Beside `time_s` such a column is carried through.
+    let run = good("time_ms,time_s,displacement_m\n5,0,1\n6,1,2\n").run;
+    assert_eq!((run.other[0].0.as_str(), &run.other[0].1.values[..]), ("time_ms", &[5.0, 6.0][..]));
+    assert!(
+        refusal("time_ms,time_us,displacement_m\n", &LoadOptions::default())
+            .contains("columns `time_ms` and `time_us` are the same quantity")
+    );
+    let unknown = "time_h=t".parse::<ColumnMapping>().expect_err("unknown").to_string();
+    assert!(unknown.contains("names are time_s, time_ms, time_us, time_ns, displacement_m"), "{unknown}");
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod bag;
 mod bus;
 mod bus_j1939;
 mod bus_live;
+mod convert;
 mod csv;
 mod damage;
 mod frame;

@@ -301,7 +301,7 @@ fn a_column_that_cannot_be_read_is_refused_with_the_known_columns() {
     std::fs::write(&path, "time_s,A,B\n0,1,2\n").expect("written");
     assert!(refusal(&path, &mapped(&["displacement=time_s"])).contains("column `time_s` is the time"));
     let hint = refusal(&path, &plain());
-    assert!(hint.contains("as in --map displacement=A, or name the columns"), "{hint}");
+    assert!(hint.contains("as in --map displacement=COLUMN, or name the columns"), "{hint}");
 }
 
 #[test]

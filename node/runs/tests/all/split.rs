@@ -112,8 +112,8 @@ fn every_form_of_a_bag_is_lossless() {
     std::fs::write(&csv, canonical(500)).expect("written");
     let to = |from: &Path, name: &str, bag: BagOptions| {
         let to = dir.path().join(name);
-        let loaded = convert(from, &to, &plain(), &SaveOptions { bag, ..SaveOptions::default() });
-        let notes = loaded.unwrap_or_else(|error| panic!("{error}")).notes;
+        let converted = convert(from, &to, &plain(), &SaveOptions { bag, ..SaveOptions::default() });
+        let notes = converted.unwrap_or_else(|error| panic!("{error}")).read.notes;
         assert!(notes.iter().all(|note| matches!(note, Note::EmptyCells { .. })), "{name}: {notes:?}");
         to
     };
