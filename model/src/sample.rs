@@ -7,6 +7,9 @@
 use crate::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
 use serde::{Deserialize, Serialize};
 
+/// Ratio of a step to the mean step above which it is a gap.
+const GAP: f64 = 10.0;
+
 /// A time stamp in whole nanoseconds since an epoch that the source defines.
 ///
 /// Computations use only differences of stamps, so results do not depend on the epoch.
@@ -284,6 +287,10 @@ pub struct Sample {
 /// let trace = Trace { stamps: [0, 5, 10, 15].map(at_ms).to_vec(), values: vec![0.0, 1.0, 2.0, 3.0] };
 /// assert_eq!(trace.mean_rate_hz(), Some(200.0));
 /// assert_eq!(trace.between(at_ms(5), at_ms(15)).values, [1.0, 2.0]);
+/// // A gap of a second does not change the rate.
+/// let stamps: Vec<Stamp> = (0..40).map(|k| at_ms(5 * k + if k < 20 { 0 } else { 1000 })).collect();
+/// let with_gap = Trace { values: vec![0.0; stamps.len()], stamps };
+/// assert_eq!(with_gap.mean_rate_hz(), Some(200.0));
 /// ```
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trace {
@@ -314,12 +321,25 @@ impl Trace {
         Self { stamps: self.stamps[range.clone()].to_vec(), values: self.values[range].to_vec() }
     }
 
-    /// Mean sample rate of the trace, in hertz; `None` with fewer than two samples.
+    /// Mean sample rate of the trace between its gaps, in hertz; `None` with fewer than two samples. A gap is a step of more than ten times the
+    /// mean.
     #[must_use]
     pub fn mean_rate_hz(&self) -> Option<f64> {
-        let span_ns = self.stamps.last()?.nanos().saturating_sub(self.stamps.first()?.nanos());
         // Computed in whole nanoseconds, so that 200 Hz is exactly 200.0.
-        (span_ns > 0).then(|| (self.len() - 1) as f64 * 1e9 / span_ns as f64)
+        let mut span_ns = self.stamps.last()?.nanos().saturating_sub(self.stamps.first()?.nanos());
+        let mut steps = self.len() - 1;
+        let step_ns = |pair: &[Stamp]| pair[1].nanos().saturating_sub(pair[0].nanos());
+        // Without its longest gaps, the mean shows shorter ones.
+        while steps > 0 && span_ns > 0 {
+            let longest_ns = (GAP * span_ns as f64 / steps as f64) as i64;
+            let kept = || self.stamps.windows(2).map(step_ns).filter(|step_ns| *step_ns <= longest_ns);
+            let (count, sum_ns) = (kept().count(), kept().sum());
+            if count == steps {
+                return Some(steps as f64 * 1e9 / span_ns as f64);
+            }
+            (steps, span_ns) = (count, sum_ns);
+        }
+        None
     }
 }
 
