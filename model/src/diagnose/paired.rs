@@ -37,6 +37,8 @@ use std::ops::ControlFlow;
 const POINTS: usize = 128;
 /// Least number of cycles from which noise is computed, and of blocks for the interval of a mean force.
 const LEAST: usize = 3;
+/// Least number of pairs whose means show what differs from run to run.
+const LEAST_PAIRS: usize = 3;
 /// Length of the mean of a temperature, s.
 const SLOW_S: f64 = 60.0;
 
@@ -81,7 +83,8 @@ fn matching<'a>(run: &Dataset, references: &'a [Dataset], own: usize) -> Option<
 pub struct MeanShift {
     /// Mean over all training and validation runs, N.
     pub force_n: f64,
-    /// Its 95 % interval, from the means of blocks; a block is a cycle if the motion is cyclic.
+    /// Its 95 % interval, from the means of blocks; a block is a cycle if the motion is cyclic. With three runs or more, it also contains what
+    /// differs from run to run.
     pub ci95_n: [f64; 2],
     /// Number of blocks.
     pub blocks: usize,
@@ -250,7 +253,9 @@ pub(super) fn mean_shift<'a>(
         Some(cycles) => means(pair, |time_s| cycles.number(time_s)),
         None => means(pair, |time_s| Some((time_s / block_s) as usize)),
     };
-    let blocks: Vec<f64> = pairs.flat_map(of_pair).map(|(_, mean_n)| mean_n).collect();
+    let by_pair: Vec<Vec<f64>> =
+        pairs.map(|pair| of_pair(pair).into_iter().map(|(_, mean_n)| mean_n).collect()).collect();
+    let blocks = by_pair.concat();
     if blocks.len() < LEAST {
         return None;
     }
@@ -262,8 +267,24 @@ pub(super) fn mean_shift<'a>(
     let alike = own.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / squares.max(f64::MIN_POSITIVE);
     let alike = alike.clamp(0.0, 0.9);
     let error_n = (squares / (count - 1.0) / count * (1.0 + alike) / (1.0 - alike)).sqrt();
-    let half_n = t95(blocks.len()) * error_n;
+    let half_n = (t95(blocks.len()) * error_n).max(half_by_pairs_n(&by_pair, force_n));
     Some(MeanShift { force_n, ci95_n: [force_n - half_n, force_n + half_n], blocks: blocks.len() })
+}
+
+/// Half of the 95 % interval of the mean `force_n` by the scatter of the pairs' own means, N: what differs from run to run, blocks of a run have in
+/// common. 0 with fewer pairs than show a scatter.
+fn half_by_pairs_n(by_pair: &[Vec<f64>], force_n: f64) -> f64 {
+    let means: Vec<f64> = by_pair
+        .iter()
+        .filter(|blocks| !blocks.is_empty())
+        .map(|blocks| blocks.iter().sum::<f64>() / blocks.len() as f64)
+        .collect();
+    if means.len() < LEAST_PAIRS {
+        return 0.0;
+    }
+    let count = means.len() as f64;
+    let squares = means.iter().map(|mean_n| (mean_n - force_n).powi(2)).sum::<f64>();
+    t95(means.len()) * (squares / (count - 1.0) / count).sqrt()
 }
 
 /// Runs on the scales of their references, and how each was placed.
@@ -332,6 +353,27 @@ fn slow(times_s: &[f64], values: &[Option<f64>]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Pairs of 30 s with these mean differences, N, and a scatter of 0.1 N from one 3 s to the next.
+    fn pairs(means_n: &[f64]) -> Vec<PairedRun> {
+        let pair = |mean_n: &f64| {
+            let difference =
+                |k: u32| (f64::from(k), mean_n + if (k / 3).is_multiple_of(2) { 0.1 } else { -0.1 });
+            PairedRun { cycles: None, differences: (0..30).map(difference).collect() }
+        };
+        means_n.iter().map(pair).collect()
+    }
+
+    #[test]
+    fn a_shift_of_the_mean_force_must_exceed_what_differs_from_run_to_run() {
+        let shift =
+            |means_n: &[f64]| mean_shift(pairs(means_n).iter(), &Settings::default()).expect("blocks");
+        let apart = shift(&[1.2, -1.2, 0.5, 4.8, -0.3, 1.8]);
+        assert!(!apart.is_proved(), "{apart:?}");
+        let alike = shift(&[38.0, 39.0, 40.0]);
+        assert!(alike.is_proved() && (alike.force_n - 39.0).abs() < 1e-9, "{alike:?}");
+        assert!(shift(&[38.0, 40.0]).is_proved(), "two runs cannot show a scatter");
+    }
 
     #[test]
     fn a_slow_mean_covers_half_its_length_to_either_side() {
