@@ -1,11 +1,12 @@
 //! Measures how often the diagnosis names a correct or a wrong effect, on generated runs with known effects.
 //!
 //! ```text
-//! cargo run --release -p mr-damper-model --example diagnosis_rates -- [--seeds 20] [--first 0] [--only TEXT] [--velocity | --auto]
+//! cargo run --release -p mr-damper-model --example diagnosis_rates -- [--seeds 20] [--first 0] [--only TEXT] [--velocity | --auto] [--healthy]
 //!     --only TEXT   the case with this name, "null", or all cases whose name contains it: "single", "coil_lag", "x0.5"
 //!     --first N     the first seed
 //!     --velocity    with a velocity transducer, and nine sets instead of seven, so that the base model fits better
 //!     --auto        with the base that `close --base auto` chooses; without the paired cases, which have no such base
+//!     --healthy     with a run of the healthy damper, and another excitation: says whether the effects named are new
 //! ```
 
 #[path = "../tests/all/diagnosis/mod.rs"]
@@ -17,11 +18,15 @@ use diagnosis::rates::{Rate, Row, head};
 use rayon::prelude::*;
 use std::error::Error;
 
+/// Added to the seed of a case for that of its healthy run.
+const OTHER_EXCITATION: u64 = 100_000;
+
 struct Arguments {
     seeds: u64,
     only: String,
     first: u64,
     instrumentation: Instrumentation,
+    healthy: bool,
 }
 
 fn arguments() -> Result<Arguments, Box<dyn Error>> {
@@ -30,6 +35,7 @@ fn arguments() -> Result<Arguments, Box<dyn Error>> {
         only: String::new(),
         first: 0,
         instrumentation: Instrumentation::Displacement,
+        healthy: false,
     };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -39,10 +45,11 @@ fn arguments() -> Result<Arguments, Box<dyn Error>> {
             "--only" => given.only = value()?,
             "--first" => given.first = value()?.parse().map_err(|e| format!("--first: {e}"))?,
             "--velocity" => given.instrumentation = Instrumentation::Velocity,
+            "--healthy" => given.healthy = true,
             "--auto" => given.instrumentation = Instrumentation::Auto,
             _ => {
                 return Err(format!(
-                    "{word} is unknown; the options are --seeds N, --first N, --only TEXT, --velocity and --auto"
+                    "{word} is unknown; the options are --seeds N, --first N, --only TEXT, --velocity, --auto and --healthy"
                 )
                 .into());
             }
@@ -72,17 +79,19 @@ fn main() -> Result<(), Box<dyn Error>> {
         // The same case without effects gives the error of the base model itself; only these kinds need it.
         let has_twin = matches!(spec.kind, Kind::Single | Kind::Pair);
         let one = |seed| {
+            let twin =
+                has_twin.then(|| diagnose(&spec.healthy(seed)?, &[], given.instrumentation)).transpose()?;
             let healthy =
-                has_twin.then(|| diagnose(&spec.healthy(seed)?, given.instrumentation)).transpose()?;
+                if given.healthy { spec.healthy(seed + OTHER_EXCITATION)?.estimate } else { Vec::new() };
             Ok::<_, mr_damper_model::Error>((
-                diagnose(&spec.case(seed)?, given.instrumentation)?,
-                healthy,
+                diagnose(&spec.case(seed)?, &healthy, given.instrumentation)?,
+                twin,
                 spec.change(seed)?,
             ))
         };
         // Results are collected in the order of the seeds.
-        for (outcome, healthy, change) in seeds.into_par_iter().map(one).collect::<Result<Vec<_>, _>>()? {
-            row.take(spec, &outcome, healthy.as_ref(), change);
+        for (outcome, twin, change) in seeds.into_par_iter().map(one).collect::<Result<Vec<_>, _>>()? {
+            row.take(spec, &outcome, twin.as_ref(), change);
         }
         println!("{}", row.text(spec));
         let key = (spec.kind, spec.truth.is_empty(), spec.share);

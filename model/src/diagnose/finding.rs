@@ -126,6 +126,41 @@ pub struct FoundParameter {
     pub range: [f64; 2],
 }
 
+/// How an effect has changed since the healthy runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// The healthy damper does not have it.
+    New,
+    /// The healthy damper has it with another amount.
+    Amount,
+    /// The healthy damper has it too.
+    None,
+    /// The healthy runs cannot show it.
+    Unknown,
+}
+
+impl Change {
+    /// Name in JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::New => "new",
+            Self::Amount => "amount",
+            Self::None => "none",
+            Self::Unknown => "unknown",
+        }
+    }
+}
+
+/// What the healthy runs say about an effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SinceHealthy {
+    /// Its first parameter on the healthy runs.
+    pub amount: FoundParameter,
+    /// The change since then.
+    pub change: Change,
+}
+
 /// An effect that was named.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedEffect {
@@ -142,6 +177,8 @@ pub struct NamedEffect {
     pub share_removed: f64,
     /// Share of the squared error that it removes on the validation runs when it is added last.
     pub confirmed: f64,
+    /// What the healthy runs say about it; `None` without them, or if the model diverges on them.
+    pub since_healthy: Option<SinceHealthy>,
 }
 
 /// An effect that was not named, with the reason.

@@ -48,6 +48,7 @@ mod refusal;
 mod round;
 mod rows;
 mod score;
+mod since_healthy;
 mod space;
 mod stretches;
 mod structures;
@@ -60,8 +61,9 @@ pub use crate::statistics::error_ratio::NoInterval;
 pub use alignment::Alignment;
 pub use effect_set::EffectSet;
 pub use finding::{
-    Candidate, Correlation, DiagnosisMode, DiagnosisResult, FloorSource, FoundParameter, NamedEffect,
-    NoiseFloor, RefusedEffect, RemainingError, RunErrors, StructureFit, StructureRow, TestResult, Verdict,
+    Candidate, Change, Correlation, DiagnosisMode, DiagnosisResult, FloorSource, FoundParameter, NamedEffect,
+    NoiseFloor, RefusedEffect, RemainingError, RunErrors, SinceHealthy, StructureFit, StructureRow,
+    TestResult, Verdict,
 };
 pub use paired::{MeanShift, reference_force_n};
 pub use ranges::Ranges;
@@ -89,7 +91,7 @@ pub struct Runs<'a> {
     pub reference: &'a [Dataset],
     /// Runs of one pattern, for the noise floor.
     pub replicates: &'a [Dataset],
-    /// Runs of the same damper when it was healthy, with any excitation. They tell a discovered term from a lack of the base's structure.
+    /// Runs of the same damper when it was healthy, with any excitation. They tell a fault from what the base lacked from the start.
     pub healthy: &'a [Dataset],
 }
 
@@ -240,8 +242,7 @@ pub fn close(
         let stretches = Stretches::new(runs, settings.most_samples);
         let searched = stretches.runs();
         let found = procedure::Procedure::new(base, &searched, settings, watch)?.run(stage)?;
-        let found = discover::extend(found, &searched, settings, watch, stage)?;
-        return stretches.complete(found, settings, watch, stage)?.with_sweep(runs.estimate);
+        return completed(found, &stretches, runs, settings, watch, stage);
     }
     let [estimate, confirm, test] = runs
         .with_first_reference()
@@ -250,4 +251,18 @@ pub fn close(
     let found = procedure::Procedure::new(base, &runs, settings, watch)?.run(stage)?;
     let alignments = [estimate.alignments, confirm.alignments, test.alignments].concat();
     DiagnosisResult { alignments, ..found }.with_sweep(runs.estimate)
+}
+
+/// `found`, whose effects were searched on `stretches` of `runs`: with terms, on all runs, and compared with the healthy damper.
+fn completed(
+    found: DiagnosisResult,
+    stretches: &Stretches,
+    runs: &Runs,
+    settings: &Settings,
+    watch: &Watch,
+    stage: &dyn Fn(Stage),
+) -> Result<DiagnosisResult, Error> {
+    let extended = discover::extend(found, &stretches.runs(), settings, watch, stage)?;
+    let on_all = stretches.complete(extended, settings, watch, stage)?;
+    since_healthy::compared(on_all, runs, settings, watch)?.with_sweep(runs.estimate)
 }

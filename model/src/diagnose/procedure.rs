@@ -598,6 +598,7 @@ impl<'a> Procedure<'a> {
                 p_adjusted,
                 share_removed: without.map_or(f64::NAN, share),
                 confirmed: without.map_or(f64::NAN, confirmed),
+                since_healthy: None,
             });
         }
         Ok(effects)

@@ -99,7 +99,7 @@ pub enum Refusal {
         needed: f64,
     },
     /// Another effect removes more.
-    #[error("removes {:.0} % of the reducible error, where {other} removes {:.0} %", 100.0 * share, 100.0 * other_share)]
+    #[error("in its place removes {:.0} % of the error that was left then, where {other} removes {:.0} %", 100.0 * share, 100.0 * other_share)]
     OtherRemovesMore {
         /// Share of the reducible error that it removes.
         share: f64,

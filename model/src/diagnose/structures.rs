@@ -31,7 +31,7 @@ use super::procedure::{Procedure, Searched};
 use super::refusal::Refusal;
 use super::rows::Rows;
 use super::stretches::Stretches;
-use super::{Runs, Settings, Stage, Thresholds, check, discover, test_runs};
+use super::{Runs, Settings, Stage, Thresholds, check, completed, test_runs};
 use crate::error::{DiagnosisError, Error, IdentifyError};
 use crate::force::{ForceLaw, Form};
 use crate::identify::{ModelSpec, Options, Structure, Watch, identify_datasets};
@@ -198,8 +198,7 @@ pub fn close_any(
         outcome: one.as_ref().map(row).map_err(Clone::clone),
     });
     let found = DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, &others)? };
-    let found = discover::extend(found, &searched_runs, settings, watch, stage)?;
-    stretches.complete(found, settings, watch, stage)?.with_sweep(runs.estimate)
+    completed(found, &stretches, runs, settings, watch, stage)
 }
 
 /// The choice among structures: what all of them are identified and diagnosed with.

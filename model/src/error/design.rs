@@ -9,7 +9,7 @@ use thiserror::Error;
 pub enum NoiseSource {
     /// Given by the user.
     Given,
-    /// The error of the model in simulation on its training runs.
+    /// The error in simulation that the model file states.
     Model,
     /// 1 % of the force on the road, root mean square.
     Assumed,
@@ -31,7 +31,7 @@ impl NoiseSource {
     pub const fn in_words(self) -> &'static str {
         match self {
             Self::Given => "as given",
-            Self::Model => "the error of the model on its training runs",
+            Self::Model => "the error in simulation that the model file states",
             Self::Assumed => "1 % of the force, because the model file has no error",
         }
     }

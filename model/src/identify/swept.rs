@@ -159,7 +159,7 @@ impl SweptRange {
 impl fmt::Display for SweptRange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (first, last) = (self.sines.first(), self.sines.last());
-        f.write_str("on sines over the whole range of the runs (")?;
+        f.write_str("on sines over the range of the runs and half as fast again (")?;
         if let (Some(low), Some(high)) = (first.and_then(|s| s.drive), last.and_then(|s| s.drive)) {
             write!(f, "{:.2} to {}, ", low.get(), level(high))?;
         }

@@ -5,7 +5,7 @@ use crate::diagnosis::intervals::interval;
 use crate::diagnosis::outcome::{Instrumentation, Named, Outcome, Prepared, diagnose, names};
 use crate::diagnosis::rates::{Rate, Row, library_id};
 use mr_damper_model::Error;
-use mr_damper_model::diagnose::{DiagnosisResult, Settings, Verdict};
+use mr_damper_model::diagnose::{Change, DiagnosisResult, Settings, Verdict};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::force::law::Scale;
 use mr_damper_model::sample::Run;
@@ -92,14 +92,14 @@ fn counted(spec: &CaseSpec, outcome: &Outcome) -> Row {
 #[test]
 fn only_effects_that_are_present_are_named() -> Result<(), Error> {
     for name in ["null", "wrong base null", "outside force_loss x1", "paired null"] {
-        let outcome = diagnose(&spec(name).case(1)?, Instrumentation::Displacement)?;
+        let outcome = diagnose(&spec(name).case(1)?, &[], Instrumentation::Displacement)?;
         assert!(outcome.named.is_empty(), "{name}: {outcome:?}");
     }
     for name in
         ["single coil_lag x1", "single asymmetry x0.5", "pair coil_lag + gas_spring x1", "paired friction x1"]
     {
         let spec = spec(name);
-        let outcome = diagnose(&spec.case(1)?, Instrumentation::Displacement)?;
+        let outcome = diagnose(&spec.case(1)?, &[], Instrumentation::Displacement)?;
         let row = counted(&spec, &outcome);
         assert_eq!((row.right.hits, row.wrong.hits), (1, 0), "{name}: {outcome:?}");
         assert!(row.error() < 0.1, "{name}: {outcome:?}");
@@ -107,7 +107,7 @@ fn only_effects_that_are_present_are_named() -> Result<(), Error> {
         assert_eq!(outcome.verdict, Verdict::Explained, "{name}");
     }
     // A drift of 0.1 N/s, which is negligible next to the misfit of a finite-difference velocity.
-    let outcome = diagnose(&spec("single load_cell_drift x0.5").case(1)?, Instrumentation::Velocity)?;
+    let outcome = diagnose(&spec("single load_cell_drift x0.5").case(1)?, &[], Instrumentation::Velocity)?;
     assert_eq!(
         outcome.named.iter().map(|named| named.ids[0].as_str()).collect::<Vec<_>>(),
         ["load_cell_drift"]
@@ -155,20 +155,23 @@ fn long_runs_are_searched_on_stretches_and_fitted_as_a_whole() -> Result<(), Err
 fn a_chosen_base_shows_only_effects_that_are_present() -> Result<(), Error> {
     // The structure of fuzzy-tanh lacks the memory of this damper.
     let lag = spec("wrong base coil_lag x1");
-    let outcome = diagnose(&lag.case(1)?, Instrumentation::Auto)?;
+    let outcome = diagnose(&lag.case(1)?, &lag.healthy(7)?.estimate, Instrumentation::Auto)?;
     let row = counted(&lag, &outcome);
     assert_eq!((row.right.hits, row.wrong.hits), (1, 0), "{outcome:?}");
     assert!(row.error() < 0.1, "{outcome:?}");
+    // The spring in series is there when the damper is healthy, the lag is not.
+    let changes: Vec<_> = outcome.named.iter().map(|named| (named.ids[0].as_str(), named.change)).collect();
+    assert_eq!(changes, [("coil_lag", Some(Change::New)), ("force_lag", Some(Change::None))]);
     // No structure follows the breakaway force of the bristles, which must not become an effect. A gas spring cannot be named: the
     // Bouc-Wen law has a stiffness of its own.
     let gas = spec("wrong base (bristle) gas_spring x1");
-    let outcome = diagnose(&gas.case(400)?, Instrumentation::Auto)?;
+    let outcome = diagnose(&gas.case(400)?, &[], Instrumentation::Auto)?;
     assert_eq!(counted(&gas, &outcome).wrong.hits, 0, "{outcome:?}");
     // Before stamps, noise in the velocity and runs with one current were considered, these named inertia, a velocity saturation, and
     // an asymmetry.
     for name in ["null, jitter", "null, 12 bit", "wrong base null, one current"] {
         let spec = spec(name);
-        let outcome = diagnose(&spec.case(500)?, Instrumentation::Auto)?;
+        let outcome = diagnose(&spec.case(500)?, &[], Instrumentation::Auto)?;
         assert_eq!(counted(&spec, &outcome).wrong.hits, 0, "{name}: {outcome:?}");
     }
     Ok(())
@@ -192,6 +195,7 @@ fn a_named_class_is_right_if_it_contains_a_true_effect_and_wrong_otherwise() {
         ids: ids.iter().map(|id| (*id).to_owned()).collect(),
         form: None,
         value,
+        change: None,
     };
     let outcome = |named: &[Named]| Outcome {
         before: 1.0,

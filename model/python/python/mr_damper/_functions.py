@@ -53,7 +53,7 @@ def close(
         test: test runs, read once at the end.
         reference: healthy runs with the same excitation, one for each run in the order estimate, confirm, test.
         replicates: two or more runs of one pattern, for the noise floor.
-        healthy: runs of the same damper when it was healthy.
+        healthy: runs of the same damper when it was healthy; they tell whether an effect or a term is new.
         progress: as in :meth:`DamperModel.fit`.
         options: as on the command line: ``fixed_base``, ``noise_floor`` (N), ``block_s``, ``effects`` (list of ids), ``range`` (dict of id and
             ``(low, high)``), ``terms``, ``passive``, ``restarts``, ``seed``, the conditioning (``filter``, ``cutoff``, ...), and how runs are read.

@@ -67,7 +67,7 @@ const LEAST_IN_PARTS_S: f64 = 9.0;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Noise and misfit, root mean square, N. `None` for the model's error on its training runs, or if that is not known for 1 % of the
+    /// Noise and misfit, root mean square, N. `None` for the error in simulation that the model states, or without one for 1 % of the
     /// force.
     pub noise_n: Option<f64>,
     /// Number of candidate segments.

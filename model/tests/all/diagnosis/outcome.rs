@@ -4,7 +4,8 @@ use super::cases::Case;
 use mr_damper_model::Error;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::diagnose::{
-    Bases, DiagnosisResult, NamedEffect, Runs, Settings, Verdict, close, close_any, default_structures,
+    Bases, Change, DiagnosisResult, NamedEffect, Runs, Settings, Verdict, close, close_any,
+    default_structures,
 };
 use mr_damper_model::identify::{
     Dataset, DatasetOptions, ModelSpec, Options, Placement, Watch, identify_datasets,
@@ -38,6 +39,8 @@ pub(crate) struct Named {
     pub(crate) form: Option<&'static str>,
     /// First parameter of the first effect.
     pub(crate) value: f64,
+    /// Its change since the healthy runs; `None` without these.
+    pub(crate) change: Option<Change>,
 }
 
 /// The conditioning of the base: the filter of the force applied to the prediction, and a velocity without delay.
@@ -98,15 +101,19 @@ impl Instrumentation {
 }
 
 /// Diagnoses a case with the base fuzzy-tanh, identified on the training runs or, in paired mode, on the healthy run with the training
-/// excitation. With [`Instrumentation::Auto`], which has no paired mode, the base is chosen.
+/// excitation. `healthy` are further runs of the healthy damper. With [`Instrumentation::Auto`], which has no paired mode, the base is chosen.
 ///
 /// # Errors
 /// As identification and diagnosis.
-pub(crate) fn diagnose(case: &Case, instrumentation: Instrumentation) -> Result<Outcome, Error> {
+pub(crate) fn diagnose(
+    case: &Case,
+    healthy: &[Run],
+    instrumentation: Instrumentation,
+) -> Result<Outcome, Error> {
     // Terms have their own cases. With them each case takes several times as long, so only the shipped defaults include them.
     let most_terms =
         if instrumentation == Instrumentation::Auto { Settings::default().most_terms } else { 0 };
-    let prepared = Prepared::new(case, &[], instrumentation)?;
+    let prepared = Prepared::new(case, healthy, instrumentation)?;
     let found = prepared.diagnose(&Settings { most_terms, ..Settings::default() })?;
     Ok(outcome(&found, &case.name))
 }
@@ -191,6 +198,7 @@ pub(crate) fn outcome(found: &DiagnosisResult, name: &str) -> Outcome {
         ids: named.class.iter().map(ToString::to_string).collect(),
         form: named.effect.effect().form(),
         value: named.effect.parameters()[0],
+        change: named.since_healthy.map(|since| since.change),
     };
     // The verdict withdraws an effect that the test run does not support.
     let stands = !matches!(found.verdict, Verdict::Unexplained | Verdict::BaseInadequate);

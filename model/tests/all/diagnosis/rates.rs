@@ -89,6 +89,8 @@ pub(crate) struct Row {
     verdicts: BTreeMap<&'static str, u32>,
     /// Effects that were named but are not present, by id and form.
     wrong_names: BTreeMap<String, u32>,
+    /// Changes since the healthy runs: of the injected effects, and of those that the healthy damper has.
+    since_healthy: [BTreeMap<&'static str, u32>; 2],
 }
 
 impl Row {
@@ -125,6 +127,15 @@ impl Row {
         });
         self.undone.extend(undone);
         *self.verdicts.entry(outcome.verdict.name()).or_default() += 1;
+        let own = spec.kind.own_effect().and_then(library_id);
+        for named in &outcome.named {
+            let is = |id: &str| is_within(&named.ids, id);
+            let is_injected = spec.truth.iter().any(|(id, _)| library_id(id).is_some_and(is));
+            let kind = [is_injected, own.is_some_and(is)].into_iter().position(|of_kind| of_kind);
+            if let (Some(kind), Some(change)) = (kind, named.change) {
+                *self.since_healthy[kind].entry(change.name()).or_default() += 1;
+            }
+        }
     }
 
     /// Median relative error of the parameters.
@@ -137,8 +148,15 @@ impl Row {
         let sizes: Vec<String> = spec.truth.iter().map(|(_, size)| format!("{size}")).collect();
         let verdicts: Vec<String> = self.verdicts.iter().map(|(name, n)| format!("{name} {n}")).collect();
         let wrong: Vec<String> = self.wrong_names.iter().map(|(name, n)| format!("{name} {n}")).collect();
+        let since: Vec<String> = ["injected", "own"]
+            .iter()
+            .zip(&self.since_healthy)
+            .flat_map(|(what, changes)| {
+                changes.iter().map(move |(change, n)| format!("; {what}: change {change} {n}"))
+            })
+            .collect();
         format!(
-            "{:<40} {:>14} {:>7.2} {:>9.2e} {:>9.2e} {:>7.1} {:>8.1} {:>7.1} {:>20} {:>20}  {}{}{}",
+            "{:<40} {:>14} {:>7.2} {:>9.2e} {:>9.2e} {:>7.1} {:>8.1} {:>7.1} {:>20} {:>20}  {}{}{}{}",
             spec.name(),
             sizes.join(", "),
             100.0 * median(&self.changes),
@@ -152,6 +170,7 @@ impl Row {
             verdicts.join(", "),
             if wrong.is_empty() { "" } else { "; wrong: " },
             wrong.join(", "),
+            since.concat(),
         )
     }
 }

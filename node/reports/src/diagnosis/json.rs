@@ -6,7 +6,7 @@ use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::discover::{CurvePoint, FoundTerm, Hum, Hypothesis, RefusedTerm};
 use mr_damper_model::diagnose::{
     Alignment, Candidate, Correlation, DiagnosisResult, NamedEffect, Refusal, RefusedEffect, RunErrors,
-    Searched, StructureRow, TestResult,
+    Searched, SinceHealthy, StructureRow, TestResult,
 };
 use mr_damper_model::effect::term::Term;
 use mr_damper_model::metrics::Fit;
@@ -163,6 +163,18 @@ struct EffectRow<'a> {
     p_adjusted: f64,
     share_removed: f64,
     confirmed: f64,
+    /// `null` without healthy runs.
+    since_healthy: Option<SinceHealthyRow>,
+}
+
+/// An effect on the healthy runs.
+#[derive(Debug, Serialize)]
+struct SinceHealthyRow {
+    /// `new`, `amount`, `none` or `unknown`.
+    change: &'static str,
+    parameter: &'static str,
+    value: f64,
+    ci95: [f64; 2],
 }
 
 /// The kind and the numbers of a term.
@@ -402,6 +414,12 @@ fn effect(named: &NamedEffect) -> EffectRow<'_> {
         p_adjusted: named.p_adjusted,
         share_removed: named.share_removed,
         confirmed: named.confirmed,
+        since_healthy: named.since_healthy.map(|SinceHealthy { amount, change }| SinceHealthyRow {
+            change: change.name(),
+            parameter: amount.name,
+            value: amount.value,
+            ci95: amount.ci95,
+        }),
     }
 }
 

@@ -61,7 +61,6 @@ pub fn html(outcome: &DiagnosisOutcome<'_>) -> String {
 fn summary(result: &DiagnosisResult) -> Markup {
     let proved = result.test.as_ref().is_some_and(TestResult::proves);
     let settled = matches!(result.verdict, Verdict::NothingToExplain | Verdict::Explained);
-    let tells = result.is_augmented() || result.test.is_some();
     html! {
         p.verdict.bad[!settled] {
             (words::verdict(result))
@@ -72,7 +71,7 @@ fn summary(result: &DiagnosisResult) -> Markup {
             p { (paired) " In the pictures " em { "before" } " is the healthy run's force, and " em { "after" } " is that force with the effects." }
         }
         @if let Some(shift) = words::mean_shift(result) { p { (shift) } }
-        @if tells { p.verdict.bad[!proved] { (words::proof(result.test.as_ref())) } }
+        @if result.is_augmented() { p.verdict.bad[!proved] { (words::proof(result.test.as_ref())) } }
         @if let Some(fault) = words::swept_fault(result) { p.verdict.bad { (fault) } }
     }
 }
@@ -94,7 +93,7 @@ pub(crate) fn found(result: &DiagnosisResult, drive: Option<DriveKind>) -> Marku
         } @else {
             div.named { (table(&columns, &rows)) }
             (pictures::intervals(&intervals(result, drive)))
-            ul { @for named in &result.effects { li { (sentence(named)) } } }
+            ul { @for named in &result.effects { li { (sentence(named, drive)) } } }
             p.lead { "Intervals come from blocks of seconds that are left out in turn, because neighbouring samples are not independent; p is "
                 "corrected for all effects that were tried. " em { "Removed, training" } " is the share of the reducible error (above the noise "
                 "floor) on the training runs, " em { "removed, validation" } " the mean share of the squared error on the validation runs." }
@@ -135,10 +134,11 @@ fn parameters(named: &NamedEffect, drive: Option<DriveKind>) -> Vec<Vec<String>>
     named.parameters.iter().enumerate().map(row).collect()
 }
 
-/// Describes the effect, and names the effects that the runs cannot distinguish from it.
-fn sentence(named: &NamedEffect) -> Markup {
+/// Describes the effect, says whether it is new, and names the effects that the runs cannot distinguish from it.
+fn sentence(named: &NamedEffect, drive: Option<DriveKind>) -> Markup {
     html! {
         b { (words::title(&named.effect)) } ": " (named.effect.effect().what()) "."
+        @if let Some(since) = words::since_healthy(named, drive) { " " (capital(&since)) "." }
         @if let Some((others, _)) = words::class(named) {
             " These runs cannot tell it from " (others) "; the section below says which excitation would."
         }
@@ -305,7 +305,11 @@ fn became(candidate: &Candidate, result: &DiagnosisResult) -> &'static str {
 }
 
 fn reasons(result: &DiagnosisResult, drive: Option<DriveKind>) -> Markup {
-    let refused = words::refused(result);
+    let (refused, untestable) = (words::refused(result), words::untestable(result));
+    let others = [
+        (words::NOT_NAMED, words::not_named(result)),
+        ("Not searched, because the settings exclude them", words::excluded(result)),
+    ];
     let list = |all: &[&RefusedEffect]| {
         html! { ul { @for refused in all { li { b { (refused.effect.title()) } ": " (refused.why) } } } }
     };
@@ -321,8 +325,12 @@ fn reasons(result: &DiagnosisResult, drive: Option<DriveKind>) -> Markup {
         }
         @if result.untestable.is_empty() {
             p { "Every effect of the library could be tested." }
-        } @else {
-            p { "These runs cannot test these effects:" } (list(&result.untestable.iter().collect::<Vec<_>>()))
+        }
+        @if !untestable.is_empty() {
+            p { "These runs cannot test these effects:" } (list(&untestable))
+        }
+        @for (heading, titles) in others.iter().filter(|(_, titles)| !titles.is_empty()) {
+            p { (heading) ": " (titles.join(", ")) "." }
         }
     }
 }

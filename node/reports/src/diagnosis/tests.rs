@@ -9,9 +9,9 @@ use mr_damper_model::diagnose::discover::{
     Claim, CurvePoint, Discovery, FoundTerm, Hum, RefusedTerm, TermRefusal,
 };
 use mr_damper_model::diagnose::{
-    Alignment, BaseFault, Candidate, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult,
+    Alignment, BaseFault, Candidate, Change, Correlation, DiagnosisError, DiagnosisMode, DiagnosisResult,
     FloorSource, FoundParameter, MeanShift, NamedEffect, NoInterval, NoiseFloor, Refusal, RefusedEffect,
-    RemainingError, RunErrors, Runs, Searched, StructureFit, StructureRow, TestResult, Verdict,
+    RemainingError, RunErrors, Runs, Searched, SinceHealthy, StructureFit, StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::term::{Argument, Form, Modulator, Term, Terms};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
@@ -48,6 +48,7 @@ fn coil_lag() -> NamedEffect {
         p_adjusted: 3.2e-9,
         share_removed: 0.83,
         confirmed: 0.79,
+        since_healthy: None,
     }
 }
 
@@ -64,6 +65,7 @@ fn friction() -> NamedEffect {
         p_adjusted: 0.004,
         share_removed: 0.11,
         confirmed: 0.31,
+        since_healthy: None,
     }
 }
 
@@ -293,6 +295,24 @@ fn each_claim_has_its_own_words() {
     );
     let both = say(Claim::EffectOrStructure { on_healthy: Some(0.3) });
     assert!(both.contains("the healthy runs cannot tell either") && !both.contains("--healthy"), "{both}");
+}
+
+#[test]
+fn an_effect_says_whether_the_healthy_damper_has_it() {
+    let since = |change| {
+        let amount = FoundParameter { value: 0.0031, ci95: [0.0028, 0.0034], ..coil_lag().parameters[0] };
+        let named = NamedEffect { since_healthy: Some(SinceHealthy { amount, change }), ..coil_lag() };
+        words::since_healthy(&named, None).expect("there are healthy runs")
+    };
+    let there = "on the healthy runs tau = 0.00310 s, 95 %: 0.00280 to 0.00340 s";
+    assert_eq!(since(Change::New), format!("new: the healthy damper does not have it; {there}"));
+    assert_eq!(since(Change::None), format!("not new: the healthy damper has it too; {there}"));
+    assert_eq!(
+        since(Change::Amount),
+        format!("changed: the healthy damper has it with another amount; {there}")
+    );
+    assert_eq!(since(Change::Unknown), "new or not: the healthy runs cannot show it");
+    assert_eq!(words::since_healthy(&coil_lag(), None), None);
 }
 
 #[test]
@@ -662,8 +682,7 @@ fn a_fault_beyond_the_runs_stands_beside_the_verdict() {
     let with =
         |kind| DiagnosisResult { swept: Some(swept(kind)), ..diagnosis_result(base(), &["sealed.csv"]) };
     let sound = with(None);
-    let calm =
-        "On sines over the whole range of the runs (0.50 to 0.50 A, up to 0.360 m/s) the force stays bounded";
+    let calm = "On sines over the range of the runs and half as fast again (0.50 to 0.50 A, up to 0.360 m/s) the force stays bounded";
     let one_line = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(one_line(text::text(&sound, None)).contains(calm), "{}", text::text(&sound, None));
     assert!(!text::short(&sound, None).contains("sines"), "a short text has no room for it");

@@ -26,7 +26,15 @@ pub fn text(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
         text += "\nBest term that was not accepted\n";
         paragraph(&mut text, 2, &terms::refused(refused, drive));
     }
-    reasons(&mut text, "Not testable with these runs", result.untestable.iter().map(|r| (r.effect, &r.why)));
+    let untestable = words::untestable(result);
+    reasons(&mut text, "Not testable with these runs", untestable.into_iter().map(|r| (r.effect, &r.why)));
+    let searched = words::not_named(result);
+    for (heading, titles) in [(words::NOT_NAMED, searched), (words::EXCLUDED, words::excluded(result))] {
+        if !titles.is_empty() {
+            let _ = writeln!(text, "\n{heading}");
+            paragraph(&mut text, 2, &titles.join(", "));
+        }
+    }
     remaining_error(&mut text, result);
     if let Some(range) = words::swept_range(result) {
         text.push('\n');
@@ -45,7 +53,7 @@ pub fn short(result: &DiagnosisResult, drive: Option<DriveKind>) -> String {
     let remarks = [words::next_step(result), words::paired(result.mode)];
     remarks.into_iter().flatten().for_each(|remark| paragraph(&mut text, 0, remark));
     words::mean_shift(result).into_iter().for_each(|shift| paragraph(&mut text, 0, &shift));
-    if result.is_augmented() || result.test.is_some() {
+    if result.is_augmented() {
         paragraph(&mut text, 0, &words::proof(result.test.as_ref()));
     }
     words::swept_fault(result).into_iter().for_each(|fault| paragraph(&mut text, 0, &fault));
@@ -104,6 +112,7 @@ fn effect(text: &mut String, named: &NamedEffect, drive: Option<DriveKind>) {
         words::percent(named.confirmed)
     );
     paragraph(text, 4, &line);
+    words::since_healthy(named, drive).into_iter().for_each(|since| paragraph(text, 4, &since));
     if let Some((others, settles)) = words::class(named) {
         paragraph(
             text,

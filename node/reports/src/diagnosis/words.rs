@@ -2,8 +2,8 @@
 
 use crate::page::capital;
 use mr_damper_model::diagnose::{
-    Alignment, DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal,
-    RefusedEffect, Searched, Stage, StructureRow, TestResult, Verdict,
+    Alignment, Change, DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, Refusal,
+    RefusedEffect, Searched, SinceHealthy, Stage, StructureRow, TestResult, Verdict,
 };
 use mr_damper_model::effect::term::{ID, Term};
 use mr_damper_model::effect::{Effect, EffectModel, Parameter};
@@ -89,6 +89,13 @@ pub fn force(newtons: f64) -> String {
 /// Heading of the list of structures.
 pub(crate) const STRUCTURES: &str = "Structures of the base, by RMSE on the validation runs";
 
+/// Heading of the effects that were searched, and neither named nor refused.
+pub(crate) const NOT_NAMED: &str =
+    "Searched and not named: the score may be chance, or another effect promised more";
+
+/// Heading of the effects that the settings exclude.
+pub(crate) const EXCLUDED: &str = "Not searched: excluded by the settings";
+
 /// Name of a structure that was tried as base.
 pub(crate) fn structure_name(row: &StructureRow) -> String {
     if row.given { format!("{} (given)", row.structure) } else { row.structure.to_owned() }
@@ -98,9 +105,10 @@ pub(crate) fn structure_name(row: &StructureRow) -> String {
 pub(crate) fn other_base(result: &DiagnosisResult) -> Option<String> {
     let (chosen, _) = result.chosen().filter(|(row, _)| !row.given)?;
     let given = result.structures.iter().find(|row| row.given)?;
+    let of = if result.is_augmented() { "of this result and of its model file" } else { "of this result" };
     Some(format!(
         "The base given has not the damper's structure: on the validation runs {} fits worse than {}, also with the effects found. {} is \
-         the base of this result and of its model file.",
+         the base {of}.",
         given.structure, chosen.structure, chosen.structure
     ))
 }
@@ -152,6 +160,22 @@ pub fn parameter(found: &FoundParameter, drive: Option<DriveKind>) -> String {
     )
 }
 
+/// What the healthy runs say about an effect; `None` without them.
+#[must_use]
+pub fn since_healthy(named: &NamedEffect, drive: Option<DriveKind>) -> Option<String> {
+    let SinceHealthy { amount, change } = named.since_healthy?;
+    let (name, unit) = quantity(amount.name, drive);
+    let [value, low, high] = [amount.value, amount.ci95[0], amount.ci95[1]].map(figure);
+    let there = format!("{name} = {value} {unit}").trim_end().to_owned();
+    let there = format!("on the healthy runs {there}, 95 %: {low} to {high} {unit}").trim_end().to_owned();
+    Some(match change {
+        Change::New => format!("new: the healthy damper does not have it; {there}"),
+        Change::Amount => format!("changed: the healthy damper has it with another amount; {there}"),
+        Change::None => format!("not new: the healthy damper has it too; {there}"),
+        Change::Unknown => "new or not: the healthy runs cannot show it".to_owned(),
+    })
+}
+
 /// The names joined with commas and a final "and".
 #[must_use]
 pub fn list(names: &[String]) -> String {
@@ -194,10 +218,12 @@ pub fn verdict(result: &DiagnosisResult) -> String {
             "Nothing to explain: the residual of the base model is not larger than noise (lack of fit {lof})."
         ),
         Verdict::Explained => {
-            format!("Explained: {names} {verb} for {gone} of the reducible error (above the noise floor).")
+            format!(
+                "Explained: {names} {verb} for {gone} of the reducible error (above the noise floor) of the validation runs."
+            )
         }
         Verdict::PartlyExplained => format!(
-            "Partly explained: {names} {verb} for {gone} of the reducible error (above the noise floor); {} remains.",
+            "Partly explained: {names} {verb} for {gone} of the reducible error (above the noise floor) of the validation runs; {} remains.",
             percent(left.share)
         ),
         Verdict::Unexplained if result.is_augmented() => format!(
@@ -205,8 +231,9 @@ pub fn verdict(result: &DiagnosisResult) -> String {
              prove that {names} would reduce it."
         ),
         Verdict::Unexplained => format!(
-            "Unexplained: the error of the base model is above the noise floor (lack of fit {lof}), and no effect of the \
-             library accounts for it on every run."
+            "Unexplained: the error of the base model is above the noise floor (lack of fit {lof}), and no effect {} \
+             accounts for it on every run.",
+            if excluded(result).is_empty() { "of the library" } else { "that was searched" }
         ),
         Verdict::BaseInadequate => {
             let fault = result.base_fault.as_ref().map(ToString::to_string);
@@ -227,6 +254,34 @@ pub fn file_name(run: &str) -> String {
 pub fn refused(result: &DiagnosisResult) -> Vec<&RefusedEffect> {
     let named = |refused: &&RefusedEffect| result.effects.iter().any(|n| n.effect.effect() == refused.effect);
     result.refused.iter().filter(|refused| !named(refused)).collect()
+}
+
+/// Titles of the effects that the settings exclude.
+#[must_use]
+pub fn excluded(result: &DiagnosisResult) -> Vec<String> {
+    let excluded = result.untestable.iter().filter(|refused| refused.why == Refusal::Excluded);
+    excluded.map(|refused| refused.effect.title()).collect()
+}
+
+/// The effects that the runs cannot test.
+#[must_use]
+pub fn untestable(result: &DiagnosisResult) -> Vec<&RefusedEffect> {
+    result.untestable.iter().filter(|refused| refused.why != Refusal::Excluded).collect()
+}
+
+/// Titles of the effects that were searched, and neither named nor refused.
+#[must_use]
+pub fn not_named(result: &DiagnosisResult) -> Vec<String> {
+    let named = result.effects.iter().map(|named| named.effect.effect());
+    let refused = result.refused.iter().chain(&result.untestable).map(|refused| refused.effect);
+    let known: Vec<String> = named.chain(refused).map(Effect::title).collect();
+    let mut found: Vec<String> = Vec::new();
+    for title in result.candidates.iter().map(|candidate| candidate.effect.title()) {
+        if !known.contains(&title) && !found.contains(&title) {
+            found.push(title);
+        }
+    }
+    found
 }
 
 /// Explains paired mode; `None` in absolute mode.
@@ -300,6 +355,11 @@ pub fn next_step(result: &DiagnosisResult) -> Option<&'static str> {
             "An effect was refused because its value would be outside of the physical range of an MR damper; it is listed below. \
              If this machine can have such a value, give its range with --range.",
         ),
+        (Verdict::Unexplained | Verdict::PartlyExplained, _)
+            if result.remaining.correlates_with.is_empty() =>
+        {
+            Some("To try an effect of your own, add a file: see model/src/effect/mod.rs.")
+        }
         (Verdict::Unexplained | Verdict::PartlyExplained, _) => Some(
             "The remaining error and the signals that correlate with it are listed below. To try an effect of your own, \
              add a file: see model/src/effect/mod.rs.",
