@@ -7,7 +7,7 @@ mod write;
 
 use crate::commands::conditioning::ConditioningArgs;
 use crate::commands::context::CliContext;
-use crate::commands::number::{newtons, range};
+use crate::commands::number::{newtons, range, seconds};
 use crate::commands::output::OutputArgs;
 use crate::commands::progress::Working;
 use crate::commands::run_args::RunArgs;
@@ -43,7 +43,7 @@ The sets of runs (whole runs; no file may be used twice):
   --reference   healthy runs, one for each run in the order estimate, confirm, test, with the same excitation:
                 only the changes since then are diagnosed, even if the base model fits poorly. They are aligned
                 by crank angle or by time
-  --healthy     runs of the same damper when it was healthy: they tell whether a discovered term is an effect,
+  --healthy     runs of the same damper when it was healthy: they tell whether an effect or a term is new,
                 or a part of the structure that the base lacks
 
 Examples:
@@ -53,7 +53,8 @@ Examples:
                   --out damper+.toml --report close.html
       adds the effects that the model in use lacks
   mr-damper close --base fuzzy-tanh --estimate a.csv b.csv --confirm c.csv --test d.csv --out new.toml
-      keeps to this structure, and first identifies it on a.csv and b.csv (with --reference: on the healthy runs)
+      first identifies this structure on a.csv and b.csv (with --reference: on the healthy runs). Other structures
+      are tried too; if one of them fits clearly better, new.toml has that one. --fixed-base keeps to fuzzy-tanh
   mr-damper close --base damper.toml --estimate worn-1.csv --confirm worn-2.csv --test worn-3.csv \\
                   --reference new-1.csv new-2.csv new-3.csv --out damper+.toml
       finds what wear has changed
@@ -118,16 +119,18 @@ pub struct RecordedArgs {
     /// Healthy runs with the same excitation, one for each run in the order estimate, confirm, test.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub reference: Vec<PathBuf>,
-    /// Runs of one pattern, from which the noise floor is computed; at least two.
+    /// Runs of one pattern, from which the noise floor is computed; at least two. They take precedence over --noise-floor.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub replicates: Vec<PathBuf>,
-    /// Noise floor as a root mean square in newtons, if you know it.
+    /// Noise floor as a root mean square in newtons, if you know it: of the force after the low-pass filter on the output (20 Hz by
+    /// default), so it is less than the noise of the load cell. At 512 Hz, 3 N of white noise become 0.74 N. With --fixed-base or
+    /// --reference, the filter is the base's. If --replicates are given, they decide.
     #[arg(long, group = GROUP, value_name = "N", allow_hyphen_values = true, value_parser = newtons)]
     pub noise_floor: Option<f64>,
     /// Minimum length of the blocks of the significance tests, s [default: 3; with --reference on a cyclic motion, one cycle]. Blocks shorter than 3 s give more false
     /// positives: use them only if the data are too short for 3 s. On test runs the length follows from the data, and this
     /// option can only make it longer.
-    #[arg(long, group = GROUP, value_name = "S")]
+    #[arg(long, group = GROUP, value_name = "S", allow_hyphen_values = true, value_parser = seconds)]
     pub block_s: Option<f64>,
     /// Ids of the effects to search for (coil_lag, friction, ...), if you know which ones your damper can have, or `none` to
     /// search for terms alone [default: the whole library].
@@ -144,7 +147,7 @@ pub struct RecordedArgs {
     /// the search takes stretches of up to 16 s from each. The model found is fitted to all samples. With --reference all are used.
     #[arg(long, group = GROUP, value_name = "N", default_value_t = Settings::DEFAULT_MOST_SAMPLES)]
     pub search_samples: usize,
-    /// Runs of the same damper when it was healthy, with any excitation. They tell a term that is an effect from one that the structure of
+    /// Runs of the same damper when it was healthy, with any excitation. They tell an effect or a term that is new from one that the structure of
     /// the base lacks. With --reference no terms are discovered.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1.., conflicts_with = "reference")]
     pub healthy: Vec<PathBuf>,

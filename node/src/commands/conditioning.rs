@@ -1,5 +1,7 @@
 //! Arguments that set how runs become rows.
 
+use crate::commands::number::{hertz, seconds};
+use crate::settings::error::NodeError;
 use clap::ValueEnum;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::identify::DatasetOptions;
@@ -12,7 +14,7 @@ pub struct ConditioningArgs {
     #[arg(long, value_enum)]
     pub filter: Option<FilterArg>,
     /// Corner frequency of the low-pass filter, Hz [default: 20].
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = hertz)]
     pub cutoff: Option<f64>,
     /// Source of velocity; by default the difference or slope that fits the runs best. The default is the backward
     /// difference for models that use measured force and for all models in `compare`, and in `close` the parabola through
@@ -20,10 +22,10 @@ pub struct ConditioningArgs {
     #[arg(long, value_enum)]
     pub velocity: Option<VelocityArg>,
     /// Window of the slope if --velocity is slope, s [default: 0.01].
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = seconds)]
     pub slope_window: Option<f64>,
     /// Rate of the rows, Hz, reached by keeping every n-th sample; by default all are kept.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = hertz)]
     pub rate: Option<f64>,
     /// Use all samples, not only the samples in which the damper moves.
     #[arg(long)]
@@ -34,14 +36,21 @@ impl ConditioningArgs {
     /// The conditioning; `filter` and `velocity` are the defaults for flags that were not given.
     ///
     /// # Errors
-    /// When a number is out of its range.
-    pub fn conditioning(
-        &self,
-        filter: FilterArg,
-        velocity: VelocityArg,
-    ) -> Result<Conditioning, mr_damper_model::Error> {
+    /// When a number is out of its range, or a flag has no effect beside the others.
+    pub fn conditioning(&self, filter: FilterArg, velocity: VelocityArg) -> Result<Conditioning, NodeError> {
+        let filter = self.filter.unwrap_or(filter);
+        if self.cutoff.is_some() && filter == FilterArg::None {
+            let say = "--cutoff has no effect without a filter: give --filter inputs or --filter output, too, or leave it out";
+            return Err(NodeError::Usage(say.to_owned()));
+        }
+        if self.slope_window.is_some() && self.velocity.is_some_and(|velocity| velocity != VelocityArg::Slope)
+        {
+            let say =
+                "--slope-window has no effect without --velocity slope: give one or leave out the other";
+            return Err(NodeError::Usage(say.to_owned()));
+        }
         let conditioning = Conditioning {
-            apply_to: self.filter.unwrap_or(filter).into(),
+            apply_to: filter.into(),
             cutoff_hz: self.cutoff.unwrap_or(20.0),
             velocity: self.velocity.unwrap_or(velocity).into(),
             slope_window_s: self.slope_window.unwrap_or(0.01),

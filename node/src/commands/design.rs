@@ -1,9 +1,10 @@
 //! `mr-damper design`: designs the run that best tells apart effects that a diagnosis could not.
 
 use crate::commands::context::CliContext;
-use crate::commands::number::{interval, newtons};
+use crate::commands::number::{hertz, interval, newtons, seconds};
 use crate::commands::output;
 use crate::commands::progress::Working;
+use crate::commands::targets::{self, Target};
 use crate::estimation::models;
 use crate::settings::error::NodeError;
 use mr_damper_base::shown;
@@ -64,12 +65,14 @@ pub struct Args {
     #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = interval)]
     pub voltage: Option<[f64; 2]>,
     /// Duration of the run, s, with its rest at both ends.
-    #[arg(long, value_name = "S", default_value_t = Limits::default().duration_s, allow_hyphen_values = true)]
+    #[arg(long, value_name = "S", default_value_t = Limits::default().duration_s, allow_hyphen_values = true, value_parser = seconds)]
     pub duration: f64,
     /// Rate of the samples, Hz.
-    #[arg(long, value_name = "HZ", default_value_t = Limits::default().rate_hz, allow_hyphen_values = true)]
+    #[arg(long, value_name = "HZ", default_value_t = Limits::default().rate_hz, allow_hyphen_values = true, value_parser = hertz)]
     pub rate: f64,
-    /// Noise and misfit of the model, N (root mean square); by default the error of the model on its training runs.
+    /// Noise and misfit of the model, N (root mean square). By default the noise floor of the report (--from); without it, the error in
+    /// simulation that the model file states (free_run_rsse_n); without both, 1 % of the force. `identify` states the error on the validation
+    /// runs, or without them on the training runs; `close` the error on the test runs, or without them on the validation runs.
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = newtons)]
     pub noise: Option<f64>,
     /// Seed: another one gives another run.
@@ -92,6 +95,9 @@ pub struct Args {
 /// When the model or the report does not load, a limit does not fit, no run separates any of the effects, or a file cannot be
 /// written; [`NodeError::Interrupted`].
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    let inputs = [Some(Path::new(&args.model)), args.from.as_deref()].into_iter().flatten();
+    let run = std::iter::once(Target::run_or_table("--out", &args.out));
+    targets::check(inputs, run.chain(targets::json(args.json.as_deref())))?;
     let model = models::load(&args.model)?;
     let limits = args.limits(&model)?;
     if !args.force && args.out.symlink_metadata().is_ok() {
@@ -154,6 +160,13 @@ impl Args {
             }
             Some(kind @ DriveKind::CommandVoltage) if self.current.is_some() => {
                 return Err(wrong("--current", kind, "--voltage"));
+            }
+            Some(kind) if self.current.is_none() && self.voltage.is_none() => {
+                let needed = if kind == DriveKind::CoilCurrent { "--current A" } else { "--voltage V" };
+                return Err(NodeError::Usage(format!(
+                    "the drive of the model is a {}; give its limit with {needed}",
+                    kind.in_words()
+                )));
             }
             _ => {}
         }

@@ -5,6 +5,7 @@ mod relation;
 use crate::commands::context::CliContext;
 use crate::commands::output;
 use crate::commands::run_args::RunArgs;
+use crate::commands::targets::{self, Target};
 use crate::commands::units::{Units, UnitsArgs};
 use crate::estimation::models;
 use crate::settings::error::NodeError;
@@ -15,7 +16,8 @@ use mr_damper_model::model_file::{ModelFile, Provenance, Role};
 use mr_damper_reports::evaluate::{RunReport, figures};
 use mr_damper_runs::{Loaded, write_text};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 
 /// Report how well a model predicts recorded runs: RMSE and NMSE (RSSE and ESR in the thesis).
 ///
@@ -145,9 +147,12 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     if let Some(relation) = relation::named(&args.model) {
         return relation::run(args, &relation, context);
     }
+    let inputs = args.runs.iter().map(PathBuf::as_path).chain([Path::new(&args.model)]);
+    let calibrated = args.calibrate.iter().map(|path| Target::new("--calibrate", path));
+    targets::check(inputs, calibrated.chain(targets::json(args.json.as_deref())))?;
     let mut file = models::load_whole(&args.model)?;
     let mut calibrator = Calibrator::new(file.model);
-    let mut reports = Vec::with_capacity(args.runs.len());
+    let (mut reports, mut calibrated_on) = (Vec::with_capacity(args.runs.len()), HashSet::new());
     for path in &args.runs {
         if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
@@ -157,12 +162,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         let used_as = report.used_as;
         reports.push(report);
         if args.calibrate.is_some() {
-            if matches!(used_as, Some(Role::Base | Role::Estimate)) {
-                tracing::warn!(
-                    run = %path.display(),
-                    "the model was identified from this run; a band that is calibrated on it is too narrow"
-                );
-            }
+            check_for_calibration(path, used_as, loaded.sha256, &mut calibrated_on)?;
             calibrator.add(&loaded.run)?;
         }
     }
@@ -177,6 +177,23 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         tracing::info!(model = %out.display(), runs = args.runs.len(), "calibrated");
     }
     Ok(())
+}
+
+/// Refuses the run `path` for a calibration if the model was identified from it, or if it is among the runs `before`.
+fn check_for_calibration(
+    path: &Path,
+    used_as: Option<Role>,
+    sha256: [u8; 32],
+    before: &mut HashSet<[u8; 32]>,
+) -> Result<(), NodeError> {
+    let why = match used_as {
+        Some(Role::Base | Role::Estimate) => {
+            "the model was identified from this run, so a band that is calibrated on it is too narrow"
+        }
+        _ if !before.insert(sha256) => "the run is given twice, so it would count double in the calibration",
+        _ => return Ok(()),
+    };
+    Err(NodeError::File { path: path.to_owned(), message: format!("{why}. Leave it out of --calibrate") })
 }
 
 /// Purpose that the run with this SHA-256 served when the model was made; `None` if it served none.
@@ -202,6 +219,11 @@ fn table(report: &Report<'_>, units: Units) -> String {
                 100.0 * band.share,
                 shown::count(band.samples, "sample")
             );
+        }
+        if run.free_run.is_none() && run.one_step.is_none() {
+            text += "  nothing to compare: no sample has both an estimate and a measured force. `mr-damper predict` says why for each \
+                     displacement\n";
+            continue;
         }
         text += &format!("  mean error {:.2} {}", units.of_n(run.offset_n), units.symbol());
         text += &if run.refused > 0 {

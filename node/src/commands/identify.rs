@@ -9,9 +9,11 @@ use crate::commands::coefficients::{self, Format};
 use crate::commands::conditioning::{ConditioningArgs, FilterArg, VelocityArg, velocity_text};
 use crate::commands::context::CliContext;
 use crate::commands::fis;
+use crate::commands::number::newtons;
 use crate::commands::output::OutputArgs;
 use crate::commands::progress::Working;
 use crate::commands::run_args::RunArgs;
+use crate::commands::targets::{self, Target};
 use crate::commands::units::UnitsArgs;
 use crate::settings::error::NodeError;
 use clap::builder::PossibleValuesParser;
@@ -23,9 +25,9 @@ use mr_damper_model::identify::{
     identify_inverse, score_inverse,
 };
 use mr_damper_model::inverse::InverseKind;
-use mr_damper_model::model::Model;
+use mr_damper_model::model::{Envelope, Model};
 use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
-use mr_damper_model::pipeline::{Models, Pipeline, Settings};
+use mr_damper_model::pipeline::{Models, Pipeline, Plausible, Settings};
 use mr_damper_model::sample::{DriveKind, Run};
 use mr_damper_model::statistics::bootstrap::resampled_runs;
 use mr_damper_reports::Recording;
@@ -66,7 +68,7 @@ pub struct Args {
     #[arg(long, value_name = "KIND", conflicts_with = "passive", value_parser = PossibleValuesParser::new(InverseKind::ALL.map(InverseKind::name)))]
     pub inverse: Option<String>,
     /// Minimise Huber's loss in place of squares: residuals beyond N newtons get less weight.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = newtons)]
     pub huber: Option<f64>,
     /// Runs to fit: CSV files, rosbag2 directories, .mcap files, logs of a CAN bus.
     #[arg(required = true, value_name = "RUN")]
@@ -121,6 +123,9 @@ pub struct Args {
     pub load: RunArgs,
 }
 
+/// Largest drive of a damper, A or V.
+const MOST_DRIVE: f64 = 50.0;
+
 /// Names of all models that can be identified.
 fn names() -> Vec<&'static str> {
     Structure::all().into_iter().map(Structure::name).collect()
@@ -140,6 +145,11 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             return Err(NodeError::Usage(format!("--fis {path}: give a name that ends in .fis")));
         }
     }
+    let inputs = args.runs.iter().chain(&args.validate).map(PathBuf::as_path);
+    let own = [Some(&args.out), args.fis.as_ref()].into_iter().zip(["--out", "--fis"]);
+    let own = own.filter_map(|(path, option)| Some(Target::new(option, path?)));
+    let coefficients = args.coefficients.iter().map(|path| Target::run_or_table("--coefficients", path));
+    targets::check(inputs, own.chain(coefficients).chain(args.output.targets()))?;
     let format = args.coefficients.as_deref().map(Format::of).transpose()?;
     if args.bootstrap.is_some() && args.runs.len() < fitted::FEWEST_RUNS {
         return Err(NodeError::Usage(format!(
@@ -148,13 +158,24 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             if args.runs.len() == 1 { "one is".to_owned() } else { format!("{} are", args.runs.len()) }
         )));
     }
-    let loaded = args.runs.iter().map(|path| args.load.load(path)).collect::<Result<Vec<_>, _>>()?;
-    let (runs, hashes): (Vec<Run>, Vec<String>) =
-        loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
-    let load = |path: &PathBuf| Ok(args.load.load(path)?.run);
-    let held_out = || args.validate.iter().map(load).collect();
-    let (found, held_out) = Identification::of(spec, (&runs, &hashes), held_out, args, context)?;
+    let (mut runs, mut hashes): (Vec<Run>, Vec<String>) = (Vec::new(), Vec::new());
+    for path in args.runs.iter().chain(&args.validate) {
+        let loaded = args.load.load(path)?;
+        let hash = loaded.sha256_hex();
+        if let Some(same) = hashes.iter().position(|other| *other == hash) {
+            let same =
+                args.runs.iter().chain(&args.validate).nth(same).map_or(path.as_path(), PathBuf::as_path);
+            return Err(given_twice(path, same, &hash));
+        }
+        runs.push(loaded.run);
+        hashes.push(hash);
+    }
+    let held_out = runs.split_off(args.runs.len());
+    let (found, held_out) = Identification::of(spec, (&runs, &hashes), || Ok(held_out), args, context)?;
     let model = &found.file.model;
+    for doubt in doubtful_units(&model.envelope) {
+        tracing::warn!("{doubt}");
+    }
     let fis_text = args.fis.as_ref().map(|path| fis::text_of(model, &path.to_string_lossy())).transpose()?;
     let coefficients = format.map(|format| found.coefficients(&runs, format, args, context)).transpose()?;
     write_text(&args.out, &found.file.to_toml()?)?;
@@ -167,6 +188,37 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     args.output.page(|| found.page(&runs, &held_out))?;
     let report = found.report();
     args.output.figures(&report, || table(&report, &args.out, args.units.units))
+}
+
+/// Ranges of the training runs that a damper does not have, most likely because a column has another unit.
+fn doubtful_units(envelope: &Envelope) -> Vec<String> {
+    let most = Plausible::default();
+    let quantities = [
+        ("displacement", envelope.displacement_m, most.displacement_max_m, "m"),
+        ("velocity", envelope.velocity_m_s, most.speed_max_m_s, "m/s"),
+        ("force", envelope.force_n, most.force_max_n, "N"),
+        ("drive", envelope.drive, MOST_DRIVE, "A or V"),
+    ];
+    let doubt = |(name, range, most, unit): (&str, Option<[f64; 2]>, f64, &str)| {
+        let largest = range.map(|[low, high]| high.abs().max(low.abs())).filter(|largest| *largest > most)?;
+        Some(format!(
+            "the {name} of the training runs reaches {largest:.4} {unit}, and no damper exceeds {most} {unit}: is the unit right? The name of \
+             a column says its unit, as in displacement_mm or current_ma"
+        ))
+    };
+    quantities.into_iter().filter_map(doubt).collect()
+}
+
+/// The error for the run `path`, which has the same content as `same`.
+fn given_twice(path: &Path, same: &Path, sha256: &str) -> NodeError {
+    NodeError::File {
+        path: path.to_owned(),
+        message: format!(
+            "has the same content as {} (SHA-256 {}...): twice, a run counts double or validates itself. Give another run, or leave it out",
+            same.display(),
+            &sha256[..12]
+        ),
+    }
 }
 
 /// The model that `args` ask for.

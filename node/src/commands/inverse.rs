@@ -3,6 +3,7 @@
 use crate::commands::context::CliContext;
 use crate::commands::output::OutputArgs;
 use crate::commands::run_args::RunArgs;
+use crate::commands::targets;
 use crate::estimation::control::say_fold;
 use crate::estimation::models;
 use crate::settings::error::NodeError;
@@ -15,7 +16,7 @@ use mr_damper_model::rig::signal::RATE_HZ;
 use mr_damper_model::rig::{Channels, Motion, Plant};
 use mr_damper_model::sample::Run;
 use mr_damper_reports::inverse as report;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Find the current that yields a demanded force, and report the tracking error.
 ///
@@ -87,9 +88,16 @@ impl Args {
 /// When the model or the run does not load, the model has no inverse, or a report cannot be written;
 /// [`NodeError::Interrupted`].
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    targets::check([args.force.as_path(), Path::new(&args.model)], args.output.targets())?;
     let model = models::load(&args.model)?;
     let run = args.load.load(&args.force)?.run;
     let limits = args.limits();
+    if let Some([_, high]) = model.envelope.drive.filter(|[_, high]| limits.current_max_a > *high) {
+        tracing::warn!(
+            "the model was identified up to {high} A, and beyond that it extrapolates: currents up to --current-max {} A may give another force",
+            limits.current_max_a
+        );
+    }
     let controller = InverseController::with_method(&model, limits, args.method)?;
     let fold = controller.shape().and_then(Shape::real_fold);
     if let Some(fold) = &fold {

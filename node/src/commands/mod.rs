@@ -32,5 +32,6 @@ pub mod reproduce;
 pub mod run_args;
 pub mod serve;
 pub mod simulate;
+pub(crate) mod targets;
 pub mod top;
 pub mod units;

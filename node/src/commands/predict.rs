@@ -3,6 +3,7 @@
 use crate::commands::bag_args::BagArgs;
 use crate::commands::context::CliContext;
 use crate::commands::run_args::RunArgs;
+use crate::commands::targets::{self, Target};
 use crate::estimation::{models, wire};
 use crate::settings::error::NodeError;
 use mr_damper_base::shown;
@@ -14,7 +15,7 @@ use mr_damper_model::sample::{Run, Stamp};
 use mr_damper_runs::{BagMessages, BagWriter, RunError, save_with, seconds_text, write_text};
 use std::collections::HashMap;
 use std::iter::Peekable;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::vec::IntoIter;
 
 /// Write the force of a model at each displacement of a recorded run to a CSV file or a bag.
@@ -57,6 +58,7 @@ const COLUMNS: &str = "time_s,estimate_n,simulation_n,one_step_n,band_low_n,band
 /// When the model or the run does not load, the run lacks a channel that the model needs, or the target exists (a bag) or cannot be
 /// written; when interrupted, in which case nothing is written.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    targets::check([args.run.as_path(), Path::new(&args.model)], [Target::run_or_table("--out", &args.out)])?;
     args.bag.check(&args.out)?;
     let model = models::load(&args.model)?;
     let run = args.load.load(&args.run)?.run;
@@ -76,6 +78,12 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         write_text(&args.out, &text)?;
     } else {
         args.save_bag(&model, &run, events)?;
+    }
+    if valid == 0 {
+        tracing::warn!(
+            run = %args.run.display(),
+            "there is no force: the displacements are refused, or the run lacks an input of the model. The column `reasons` of a CSV target says why"
+        );
     }
     if !context.quiet {
         let (forces, displacements) = (shown::count(valid, "force"), shown::count(all, "displacement"));

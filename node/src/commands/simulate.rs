@@ -79,7 +79,7 @@ pub struct Args {
     #[arg(long, value_name = "N", conflicts_with = "perfect")]
     force_noise: Option<f64>,
     /// Duration of each run, s; by default that is a property of the experiment.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = crate::commands::number::seconds)]
     duration: Option<f64>,
     /// Amplitude of the set point of a sine (by default 0.02 m) or a chirp (by default 0.0025 m).
     #[arg(long, value_name = "M")]

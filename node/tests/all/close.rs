@@ -133,7 +133,10 @@ fn unsuitable_input_is_refused_before_any_work() {
     refused(&format!("{three} --report none/r.html"), 1, &["none/r.html", "no folder none"]);
     refused(&format!("{three} --noise-floor -3"), 2, &["--noise-floor", "positive number of newtons"]);
     refused(&format!("{three} --terms 4"), 2, &["--terms", "0..=3"]);
-    refused(&format!("{three} --terms 0 --healthy d.csv"), 2, &["--healthy", "--terms 0", "Leave one"]);
+    refused(&format!("{three} --block-s 0"), 2, &["--block-s", "positive number of seconds"]);
+    refused(&format!("{three} --json new.toml"), 2, &["--out and --json are the same file", "new.toml"]);
+    refused(&format!("{three} --report a.csv"), 2, &["--report a.csv is also an input"]);
+    refused(&format!("{three} --report other.csv"), 2, &["--report other.csv has the name of a run"]);
     refused(
         &format!("{three} --healthy copy-of-a.csv"),
         1,
@@ -145,7 +148,7 @@ fn unsuitable_input_is_refused_before_any_work() {
     refused(&preset("--estimate a.csv --confirm none.csv"), 1, &["none.csv"]);
     let own = ["close", "--base", "a.toml", "--estimate", "b.csv", "--confirm", "c.csv", "--out", "a.toml"];
     let output = mr_damper(dir.path(), &own);
-    assert!(text(&output.stderr).contains("a.toml: is the base itself"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("--out a.toml is also an input"), "{}", text(&output.stderr));
 }
 
 #[test]

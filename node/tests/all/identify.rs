@@ -51,6 +51,85 @@ fn a_band_is_calibrated_on_held_out_runs() {
     assert!(!Path::new(&at("none.toml")).exists());
 }
 
+/// No command writes over a run, and no run counts twice.
+#[test]
+fn runs_are_not_overwritten_and_not_used_twice() {
+    let _turn = turn(module_path!());
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let runs: Vec<String> = (1..=3).map(|seed| run(dir.path(), &format!("{seed}.csv"), seed)).collect();
+    let at = |name: &str| dir.path().join(name).display().to_string();
+    let (model, copy) = (at("model.toml"), at("copy.csv"));
+    std::fs::copy(&runs[0], &copy).expect("copied");
+    let before = std::fs::read(&runs[0]).expect("read");
+    let refused = |arguments: &[&str], code: i32, says: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_mr-damper")).args(arguments).output().expect("it runs");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(code) && said.contains(says), "{arguments:?}: {said}");
+    };
+    let identify = |rest: &[&str], code: i32, says: &str| {
+        let line = ["identify", "--model", "fuzzy-tanh", "--restarts", "1", &runs[0]];
+        refused(&[&line[..], rest].concat(), code, says);
+    };
+    identify(&["--out", &runs[0]], 2, "is also an input, and would be overwritten");
+    identify(&["--out", &model, "--json", &model], 2, "--out and --json are the same file");
+    identify(&["--out", &model, "--report", &runs[1]], 2, "has the name of a run");
+    identify(&["--out", &model, "--validate", &copy], 1, "copy.csv: has the same content as");
+    identify(&[&copy, "--out", &model], 1, "copy.csv: has the same content as");
+    identify(&["--out", &model, "--cutoff", "0"], 2, "positive number of hertz");
+    identify(&["--out", &model, "--cutoff", "5"], 2, "--cutoff has no effect without a filter");
+    let backward = ["--out", &model, "--velocity", "backward", "--slope-window", "0.1"];
+    identify(&backward, 2, "--slope-window has no effect without --velocity slope");
+    assert!(!Path::new(&model).exists());
+    json(&["identify", "--model", "fuzzy-tanh", "--restarts", "1", &runs[0], "--out", &model, "--json", "-"]);
+    refused(&["predict", &model, &runs[0], "--out", &runs[0]], 2, "is also an input");
+    let calibrated = at("calibrated.toml");
+    let calibrate = |given: [&str; 3], says: &str| {
+        let line = [&["evaluate", &model], &given[..], &["--calibrate", &calibrated]].concat();
+        refused(&line, 1, says);
+    };
+    calibrate([&runs[0], &runs[1], &runs[2]], "1.csv: the model was identified from this run");
+    calibrate([&runs[1], &runs[2], &runs[2]], "3.csv: the run is given twice");
+    assert_eq!(std::fs::read(&runs[0]).expect("read"), before);
+}
+
+/// Millimetres in a column that says metres are not taken in silence, and a run without a force to compare says so.
+#[test]
+fn doubtful_units_and_empty_comparisons_are_said() {
+    let _turn = turn(module_path!());
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let good = run(dir.path(), "good.csv", 1);
+    let at = |name: &str| dir.path().join(name).display().to_string();
+    let (model, bad, one) = (at("model.toml"), at("mm.csv"), at("one.csv"));
+    let text = std::fs::read_to_string(&good).expect("read");
+    let (head, rows) = text.split_once('\n').expect("a header");
+    let column = head.split(',').position(|name| name == "displacement_m").expect("a displacement");
+    let in_mm = |row: &str| {
+        let mut cells: Vec<String> = row.split(',').map(str::to_owned).collect();
+        if let Ok(metres) = cells[column].parse::<f64>() {
+            cells[column] = (1e3 * metres).to_string();
+        }
+        cells.join(",")
+    };
+    let rows_in_mm: Vec<String> = rows.lines().map(in_mm).collect();
+    std::fs::write(&bad, format!("{head}\n{}\n", rows_in_mm.join("\n"))).expect("written");
+    let first = rows.lines().next().expect("a row");
+    std::fs::write(&one, format!("{head}\n{first}\n")).expect("written");
+    let said = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_mr-damper")).args(arguments).output().expect("it runs");
+        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+    };
+    let identify = ["identify", "--model", "fuzzy-tanh", "--restarts", "1", "--out", &model];
+    let doubt = said(&[&identify[..], &[&bad]].concat());
+    assert!(
+        doubt.contains("displacement of the training runs reaches") && doubt.contains("displacement_mm"),
+        "{doubt}"
+    );
+    let none = said(&[&identify[..], &[&good]].concat());
+    assert!(!none.contains("is the unit right"), "{none}");
+    let empty = said(&["evaluate", &model, &one]);
+    assert!(empty.contains("nothing to compare"), "{empty}");
+}
+
 /// Saves a simulated run of the virtual rig and returns its path.
 fn run(dir: &Path, name: &str, seed: u64) -> String {
     let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(6.0);

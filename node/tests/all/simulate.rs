@@ -148,7 +148,7 @@ fn impossible_requests_are_refused_with_advice() {
     refused(&["--experiment", "sine", "--effect", "stiction=1"], &out, 2, "thermal_fade");
     refused(&["--experiment", "sine", "--effect", "friction=lots"], &out, 2, "not a number");
     refused(&["--experiment", "all", "--current", "1"], &out, 2, "constant current");
-    refused(&["--experiment", "sine", "--duration", "0"], &out, 1, "duration_s");
+    refused(&["--experiment", "sine", "--duration", "0"], &out, 2, "--duration");
     refused(&[], &out, 2, "--experiment");
     assert!(!out.exists());
     std::fs::write(dir.path().join("simulate.toml"), "schema = \"other\"").expect("a file");

@@ -31,7 +31,7 @@ const fn flag(role: Role) -> &'static str {
 }
 
 /// All paths, in the order in which they are read.
-fn paths(args: &RecordedArgs) -> Vec<(Role, &Path)> {
+pub(super) fn paths(args: &RecordedArgs) -> Vec<(Role, &Path)> {
     let lists: [(Role, &[PathBuf]); 6] = [
         (Role::Estimate, &args.estimate),
         (Role::Confirm, &args.confirm),
@@ -46,8 +46,7 @@ fn paths(args: &RecordedArgs) -> Vec<(Role, &Path)> {
 /// Checks the numbers of runs, before any file is read.
 ///
 /// # Errors
-/// [`NodeError::Usage`] without a validation run, with only one replicate, without a reference run for each other run, or with healthy
-/// runs but no term to discover.
+/// [`NodeError::Usage`] without a validation run, with only one replicate, or without a reference run for each other run.
 pub(super) fn check_counts(args: &RecordedArgs) -> Result<(), NodeError> {
     if args.confirm.is_empty() {
         return Err(NodeError::Usage(
@@ -62,12 +61,6 @@ pub(super) fn check_counts(args: &RecordedArgs) -> Result<(), NodeError> {
              least two with --replicates, or the floor itself with --noise-floor",
             args.replicates[0].display()
         )));
-    }
-    if !args.healthy.is_empty() && args.terms == 0 {
-        return Err(NodeError::Usage(
-            "--healthy cannot be combined with --terms 0: healthy runs only tell what a discovered term is. Leave one of the two out"
-                .to_owned(),
-        ));
     }
     let (references, runs) =
         (args.reference.len(), args.estimate.len() + args.confirm.len() + args.test.len());

@@ -2,9 +2,10 @@
 
 use super::RecordedArgs;
 use super::base::Identified;
-use super::roles::Given;
+use super::roles::{self, Given};
 use crate::commands::context::CliContext;
 use crate::commands::output::OutputArgs;
+use crate::commands::targets::{self, Target};
 use crate::settings::error::NodeError;
 use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::{DiagnosisResult, Runs};
@@ -31,11 +32,13 @@ struct RunRow<'a> {
     sha256: &'a str,
 }
 
-/// Checks, before the work starts, that the output files can be written and that the base is not overwritten.
+/// Checks, before the work starts, that the output files can be written and overwrite no input.
 ///
 /// # Errors
-/// When a folder does not exist, or the base would be overwritten.
+/// When a folder does not exist, or an input would be overwritten.
 pub(super) fn check_targets(args: &RecordedArgs, output: &OutputArgs) -> Result<(), NodeError> {
+    let inputs = roles::paths(args).into_iter().map(|(_, path)| path).chain([Path::new(&args.base)]);
+    targets::check(inputs, std::iter::once(Target::new("--out", &args.out)).chain(output.targets()))?;
     for target in std::iter::once(args.out.as_path()).chain(output.files()) {
         let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
@@ -48,14 +51,7 @@ pub(super) fn check_targets(args: &RecordedArgs, output: &OutputArgs) -> Result<
             });
         }
     }
-    let whole = |path: &Path| path.canonicalize().ok();
-    match (whole(&args.out), whole(Path::new(&args.base))) {
-        (Some(out), Some(base)) if out == base => Err(NodeError::File {
-            path: args.out.clone(),
-            message: "is the base itself: give --out another name, so that the base is kept".to_owned(),
-        }),
-        _ => Ok(()),
-    }
+    Ok(())
 }
 
 /// Writes the model file, the report, the JSON and the text, as requested.

@@ -15,6 +15,7 @@ use crate::commands::context::CliContext;
 use crate::commands::inverse::method;
 use crate::commands::output::OutputArgs;
 use crate::commands::run_args::RunArgs;
+use crate::commands::targets::{self, Target};
 use crate::commands::units::UnitsArgs;
 use crate::settings::error::NodeError;
 use clap::ValueEnum;
@@ -44,6 +45,9 @@ use work::in_parallel;
 /// each experiment and tested on every other run. If each run holds one level of the drive, the levels are held out in turn
 /// instead (--folds). Finished work is kept in a file: after Ctrl-C the same command continues
 /// where it stopped.
+///
+/// By default displacement passes a low-pass of 20 Hz and velocity is the backward difference, as in the thesis. `identify` has no
+/// filter and chooses the velocity, so its errors differ unless both commands get the same --filter and --velocity.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Folder with runs.
@@ -161,6 +165,9 @@ pub(super) struct ComparisonPlan {
 /// interrupted, in which case the finished work is kept.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let started = Instant::now();
+    let inputs = args.train.iter().chain(&args.test).map(PathBuf::as_path);
+    let kept = args.resume.iter().map(|path| Target::new("--resume", path));
+    targets::check(inputs, args.output.targets().chain(kept))?;
     let work = prepare(args, context)?;
     let path = state_path(args);
     let cells = compare::cells(&work.specs, &work.experiments);
