@@ -97,16 +97,16 @@ fn nearly_without(model: &Augmented) -> Result<Augmented, Error> {
 /// How an amount that is `now` has changed since it was `healthy`.
 fn change(now: &FoundParameter, healthy: &FoundParameter, thresholds: &Thresholds) -> Change {
     let half = |found: &FoundParameter| 0.5 * (found.ci95[1] - found.ci95[0]);
-    // An interval that is not a number contains everything.
-    let alike = !((healthy.value - now.value).abs() > half(healthy) + half(now));
+    // Amounts with an interval that is not a number are not apart.
+    let apart = (healthy.value - now.value).abs() > half(healthy) + half(now);
     // Amounts are neutral at zero.
     let is_shown = healthy.ci95[0] > 0.0 || healthy.ci95[1] < 0.0;
     let share = healthy.value / now.value;
-    match (is_shown, alike) {
-        (false, true) => Change::Unknown,
-        (false, false) => Change::New,
+    match (is_shown, apart) {
+        (false, false) => Change::Unknown,
+        (false, true) => Change::New,
         _ if share.abs() <= thresholds.effect_on_healthy => Change::New,
-        (true, true) => Change::None,
+        (true, false) => Change::None,
         _ if (share - 1.0).abs() <= thresholds.same_parameter * share.max(1.0) => Change::None,
         _ => Change::Amount,
     }
