@@ -1,7 +1,6 @@
 //! The columns of the run format: the quantity that a header names, and the conversion of its unit to SI.
 
 use crate::extract::Dimension;
-use crate::unit::TIME;
 use mr_damper_model::units::{M_PER_IN, N_PER_LBF};
 
 /// A quantity that the run format knows, in the order in which columns are written.
@@ -139,13 +138,6 @@ impl Quantity {
     pub(super) fn of_si_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|quantity| quantity.si_name() == name)
     }
-}
-
-/// All names of the run format, for messages.
-pub(super) fn all_names() -> String {
-    let times = TIME.iter().map(|unit| format!("time_{}", unit.name));
-    let names: Vec<String> = times.chain(Quantity::ALL.into_iter().map(Quantity::names)).collect();
-    names.join(", ")
 }
 
 /// The meaning of a header cell.

@@ -13,9 +13,9 @@ mod column_mapping;
 
 pub use column_mapping::ColumnMapping;
 
-use super::column::{Quantity, all_names};
+use super::column::Quantity;
 use super::names::{TOPICS, topic_of};
-use super::unit::{self, TIME, TimeUnit, Unit};
+use super::unit::{self, TIME, TimeUnit, Unit, all_names};
 use crate::extract::calibrated;
 use mr_damper_base::shown::ALIKE;
 use std::fmt;

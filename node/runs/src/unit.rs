@@ -1,6 +1,6 @@
 //! Units in which a channel may be recorded, for each physical dimension.
 
-use super::column::{from_fahrenheit, from_inch, from_milli, same};
+use super::column::{Quantity, from_fahrenheit, from_inch, from_milli, same};
 use crate::extract::Dimension;
 use mr_damper_model::units::N_PER_LBF;
 
@@ -76,6 +76,13 @@ pub(super) const TIME: &[TimeUnit] = &[
     TimeUnit { name: "us", exponent: -6 },
     TimeUnit { name: "ns", exponent: -9 },
 ];
+
+/// All names of the run format, for messages.
+pub(super) fn all_names() -> String {
+    let times = TIME.iter().map(|unit| format!("time_{}", unit.name));
+    let names: Vec<String> = times.chain(Quantity::ALL.into_iter().map(Quantity::names)).collect();
+    names.join(", ")
+}
 
 /// The units of a quantity, the SI one first.
 pub(super) const fn of(dimension: Dimension) -> &'static [Unit] {

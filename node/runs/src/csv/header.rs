@@ -1,11 +1,12 @@
 //! The header row of a CSV file: its names, and why it does not describe the rows.
 
 use super::number;
-use crate::column::{Column, Quantity, THESIS_ORDER, all_names};
+use crate::column::{Column, Quantity, THESIS_ORDER};
 use crate::map::Map;
 use crate::names::topic_of;
 use crate::suggest;
 use crate::unit::TimeUnit;
+use crate::unit::all_names;
 use csv::ByteRecord;
 use mr_damper_base::shown::count;
 
