@@ -285,7 +285,7 @@ mod tests {
             (&["--experiment=RP-IPCS"][..], "the nearest is RP-ICPS"),
             (&["--experiment=RP-ICPS", "--current=1"], "constant current"),
             (&["--experiment=all", "--frequency=1"], "sine or chirp"),
-            (&["--experiment=sine", "--duration=-1"], "duration_s"),
+            (&["--experiment=sine", "--duration=-1"], "positive number of seconds"),
             (&["--experiment=sine", "--frequency=0"], "above 0"),
             (&["--experiment=sine", "--force-noise=-1"], "force_noise_n"),
             (&["--experiment=sine", "--effect=stiction=1"], "coil_lag"),
