@@ -147,7 +147,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     if let Some(relation) = relation::named(&args.model) {
         return relation::run(args, &relation, context);
     }
-    let inputs = args.runs.iter().map(PathBuf::as_path).chain([Path::new(&args.model)]);
+    // The calibrated model may take the place of the model.
+    let inputs = args.runs.iter().map(PathBuf::as_path);
     let calibrated = args.calibrate.iter().map(|path| Target::new("--calibrate", path));
     targets::check(inputs, calibrated.chain(targets::json(args.json.as_deref())))?;
     let mut file = models::load_whole(&args.model)?;
