@@ -147,10 +147,10 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     if let Some(relation) = relation::named(&args.model) {
         return relation::run(args, &relation, context);
     }
+    let (runs, json) = (args.runs.iter().map(PathBuf::as_path), targets::json(args.json.as_deref()));
+    targets::check([Path::new(&args.model)], json)?;
     // The calibrated model may take the place of the model.
-    let inputs = args.runs.iter().map(PathBuf::as_path);
-    let calibrated = args.calibrate.iter().map(|path| Target::new("--calibrate", path));
-    targets::check(inputs, calibrated.chain(targets::json(args.json.as_deref())))?;
+    targets::check(runs, args.calibrate.iter().map(|path| Target::new("--calibrate", path)).chain(json))?;
     let mut file = models::load_whole(&args.model)?;
     let mut calibrator = Calibrator::new(file.model);
     let (mut reports, mut calibrated_on) = (Vec::with_capacity(args.runs.len()), HashSet::new());
