@@ -18,9 +18,6 @@ use diagnosis::rates::{Rate, Row, head};
 use rayon::prelude::*;
 use std::error::Error;
 
-/// Added to the seed of a case for that of its healthy run.
-const OTHER_EXCITATION: u64 = 100_000;
-
 struct Arguments {
     seeds: u64,
     only: String,
@@ -81,8 +78,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let one = |seed| {
             let twin =
                 has_twin.then(|| diagnose(&spec.healthy(seed)?, &[], given.instrumentation)).transpose()?;
-            let healthy =
-                if given.healthy { spec.healthy(seed + OTHER_EXCITATION)?.estimate } else { Vec::new() };
+            let healthy = if given.healthy { spec.healthy_runs(seed)? } else { Vec::new() };
             Ok::<_, mr_damper_model::Error>((
                 diagnose(&spec.case(seed)?, &healthy, given.instrumentation)?,
                 twin,

@@ -86,7 +86,7 @@ fn arguments() -> Result<Arguments, Box<dyn std::error::Error>> {
 }
 
 fn diagnose(spec: &CaseSpec, seed: u64, given: &Arguments) -> Result<DiagnosisResult, Error> {
-    let healthy = if given.healthy { spec.healthy(seed + 100_000)?.estimate } else { Vec::new() };
+    let healthy = if given.healthy { spec.healthy_runs(seed)? } else { Vec::new() };
     let prepared = Prepared::new(&spec.case(seed)?, &healthy, Instrumentation::Auto)?;
     let prepared = if given.fixed { prepared.with_fuzzy_tanh()? } else { prepared };
     prepared.diagnose(&Settings::default())

@@ -153,7 +153,7 @@ impl Cases {
                 // Cases of one name differ by their seed.
                 let seed = seed + 1000 * k;
                 let healthy = match part {
-                    Part::Terms => spec.healthy(seed + 100_000)?.estimate,
+                    Part::Terms => spec.healthy_runs(seed)?,
                     _ => Vec::new(),
                 };
                 let prepared = Prepared::new(&spec.case(seed)?, &healthy, instrumentation)?;

@@ -126,6 +126,19 @@ pub struct FoundParameter {
     pub range: [f64; 2],
 }
 
+impl FoundParameter {
+    /// True if both values differ by at most `share` of the larger one.
+    pub(super) fn is_close_to(&self, other: &Self, share: f64) -> bool {
+        (self.value - other.value).abs() <= share * self.value.abs().max(other.value.abs())
+    }
+
+    /// A time constant with an interval of `half_width` to either side.
+    #[cfg(test)]
+    pub(super) fn tau_s(value: f64, half_width: f64) -> Self {
+        Self { name: "tau_s", value, ci95: [value - half_width, value + half_width], range: [0.0, 1.0] }
+    }
+}
+
 /// How an effect has changed since the healthy runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
@@ -152,7 +165,7 @@ impl Change {
     }
 }
 
-/// What the healthy runs say about an effect.
+/// An effect on the healthy runs, and its change since then.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SinceHealthy {
     /// Its first parameter on the healthy runs.
@@ -177,7 +190,7 @@ pub struct NamedEffect {
     pub share_removed: f64,
     /// Share of the squared error that it removes on the validation runs when it is added last.
     pub confirmed: f64,
-    /// What the healthy runs say about it; `None` without them, or if the model diverges on them.
+    /// Its amount on the healthy runs; `None` without them, or if the model diverges on them.
     pub since_healthy: Option<SinceHealthy>,
 }
 

@@ -14,16 +14,17 @@
 //! | h and p are alike, or differ by less than a quarter | none |
 //! | otherwise | another amount |
 //!
-//! An effect that the healthy damper has is no fault: its model lacked it from the start. Terms that are effects themselves are not in the model
+//! The healthy damper's own effects are not faults: its model lacked them from the start. Terms that are effects themselves are not in the model
 //! that is fitted to the healthy runs.
 
+use super::discover::with_terms;
 use super::finding::{Change, DiagnosisResult, FoundParameter, NamedEffect, SinceHealthy};
 use super::interval::{Contents, Intervals};
 use super::joint::{Fitted, Joint};
 use super::round::FINAL;
 use super::rows::Rows;
 use super::{Runs, Settings, Thresholds};
-use crate::effect::term::{Term, Terms};
+use crate::effect::term::Term;
 use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::Error;
 use crate::identify::{Scales, Watch};
@@ -79,7 +80,7 @@ fn of_healthy(result: &DiagnosisResult) -> Result<Augmented, Error> {
         .filter(|(_, claim)| !claim.is_some_and(|claim| claim.is_effect()))
         .map(|(term, _)| *term)
         .collect();
-    Augmented::new(result.after.force, found.with_terms(Terms::new(&kept)?))
+    with_terms(&result.after.augmented(), &kept)
 }
 
 /// `model` with a twentieth of the amount of each effect.
@@ -101,13 +102,12 @@ fn change(now: &FoundParameter, healthy: &FoundParameter, thresholds: &Threshold
     let apart = (healthy.value - now.value).abs() > half(healthy) + half(now);
     // Amounts are neutral at zero.
     let is_shown = healthy.ci95[0] > 0.0 || healthy.ci95[1] < 0.0;
-    let share = healthy.value / now.value;
     match (is_shown, apart) {
         (false, false) => Change::Unknown,
         (false, true) => Change::New,
-        _ if share.abs() <= thresholds.effect_on_healthy => Change::New,
+        _ if healthy.value.abs() <= thresholds.effect_on_healthy * now.value.abs() => Change::New,
         (true, false) => Change::None,
-        _ if (share - 1.0).abs() <= thresholds.same_parameter * share.max(1.0) => Change::None,
+        _ if healthy.is_close_to(now, thresholds.same_parameter) => Change::None,
         _ => Change::Amount,
     }
 }
@@ -116,19 +116,14 @@ fn change(now: &FoundParameter, healthy: &FoundParameter, thresholds: &Threshold
 mod tests {
     use super::*;
 
-    fn amount(value: f64, half_width: f64) -> FoundParameter {
-        FoundParameter {
-            name: "tau_s",
-            value,
-            ci95: [value - half_width, value + half_width],
-            range: [0.0, 1.0],
-        }
-    }
-
     #[test]
     fn an_amount_is_compared_with_that_of_the_healthy_damper() {
         let since = |healthy, half_width| {
-            change(&amount(0.012, 0.001), &amount(healthy, half_width), &Thresholds::default())
+            change(
+                &FoundParameter::tau_s(0.012, 0.001),
+                &FoundParameter::tau_s(healthy, half_width),
+                &Thresholds::default(),
+            )
         };
         assert_eq!(since(0.0001, 0.001), Change::New, "nothing there");
         assert_eq!(since(0.002, 0.0005), Change::New, "a sixth of it");

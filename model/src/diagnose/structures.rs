@@ -423,30 +423,22 @@ fn differs(structure: &'static str, own: &FoundParameter, their: &FoundParameter
 /// True if two values of a parameter are the same within their intervals or within [`Thresholds::same_parameter`].
 fn agree(own: &FoundParameter, their: &FoundParameter, thresholds: &Thresholds) -> bool {
     let overlap = own.ci95[0] <= their.ci95[1] && their.ci95[0] <= own.ci95[1];
-    overlap
-        || (own.value - their.value).abs()
-            <= thresholds.same_parameter * own.value.abs().max(their.value.abs())
+    overlap || own.is_close_to(their, thresholds.same_parameter)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn parameter(value: f64, half_width: f64) -> FoundParameter {
-        FoundParameter {
-            name: "tau_s",
-            value,
-            ci95: [value - half_width, value + half_width],
-            range: [0.0, 1.0],
-        }
-    }
-
     #[test]
     fn values_agree_if_their_intervals_overlap_or_they_are_close() {
-        let (own, thresholds) = (parameter(0.012, 0.001), Thresholds::default());
-        assert!(agree(&own, &parameter(0.0138, 0.001), &thresholds), "intervals overlap");
-        assert!(agree(&own, &parameter(0.0145, 0.0001), &thresholds), "21 % apart");
-        assert!(!agree(&own, &parameter(0.02, 0.001), &thresholds), "67 % apart, and intervals apart");
-        assert!(!agree(&own, &parameter(-0.012, 0.001), &thresholds), "another sign");
+        let (own, thresholds) = (FoundParameter::tau_s(0.012, 0.001), Thresholds::default());
+        assert!(agree(&own, &FoundParameter::tau_s(0.0138, 0.001), &thresholds), "intervals overlap");
+        assert!(agree(&own, &FoundParameter::tau_s(0.0145, 0.0001), &thresholds), "21 % apart");
+        assert!(
+            !agree(&own, &FoundParameter::tau_s(0.02, 0.001), &thresholds),
+            "67 % apart, and intervals apart"
+        );
+        assert!(!agree(&own, &FoundParameter::tau_s(-0.012, 0.001), &thresholds), "another sign");
     }
 }

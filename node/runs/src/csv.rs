@@ -8,6 +8,7 @@
 //! Lines before the header that begin with `#` are comments. The last of them is the header if it names the time and the row below it
 //! does not, as `numpy.savetxt` writes it.
 
+mod begin;
 mod header;
 mod lines;
 
@@ -19,7 +20,8 @@ use super::names::topic_of;
 use super::suggest;
 use super::unit::{self, TIME, TimeUnit, Unit};
 use super::{LoadOptions, Note, RunError};
-use csv::{ByteRecord, ReaderBuilder, Trim};
+use begin::{Begin, records};
+use csv::ByteRecord;
 use header::{HeaderFault, ROWS_COMPARED, shown, without_bom};
 use lines::Lines;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
@@ -88,42 +90,6 @@ fn read_headed<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> 
         table.push(line, &row)?;
     }
     Ok(table)
-}
-
-/// The beginning of a file.
-struct Begin {
-    /// The first line that is neither blank nor a comment, from 1.
-    line: u64,
-    /// Its text; empty at the end of the file.
-    text: Vec<u8>,
-    /// The last comment above it: its line and its fields.
-    comment: Option<(u64, ByteRecord)>,
-}
-
-impl Begin {
-    fn read(source: &mut impl BufRead) -> std::io::Result<Self> {
-        let mut begin = Self { line: 1, text: Vec::new(), comment: None };
-        loop {
-            begin.text.clear();
-            let is_end = source.read_until(b'\n', &mut begin.text)? == 0;
-            let content = if begin.line == 1 { without_bom(&begin.text) } else { &begin.text[..] };
-            let content = content.trim_ascii();
-            if content.starts_with(b"#") {
-                let mut fields = ByteRecord::new();
-                records(content).read_byte_record(&mut fields)?;
-                begin.comment = Some((begin.line, fields));
-            } else if is_end || !content.is_empty() {
-                return Ok(begin);
-            }
-            begin.line += 1;
-        }
-    }
-}
-
-/// A reader of records.
-fn records<R: Read>(source: R) -> csv::Reader<R> {
-    // `flexible`, because rows of the wrong length are reported here, with line and column.
-    ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(source)
 }
 
 /// Reads the next row that is not blank, and returns its line; `None` at the end of the file.

@@ -37,6 +37,11 @@ pub enum Dimension {
     Temperature,
 }
 
+impl Dimension {
+    pub(super) const ALL: [Self; 6] =
+        [Self::Length, Self::Velocity, Self::Force, Self::Current, Self::Voltage, Self::Temperature];
+}
+
 /// An axis of a vector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Axis {
@@ -431,15 +436,6 @@ mod tests {
     use mr_damper_msgs::geometry::{Twist, Wrench};
     use mr_damper_msgs::standard::{Header, Time};
 
-    const ALL: [Dimension; 6] = [
-        Dimension::Length,
-        Dimension::Velocity,
-        Dimension::Force,
-        Dimension::Current,
-        Dimension::Voltage,
-        Dimension::Temperature,
-    ];
-
     fn header() -> Header {
         Header { stamp: Time { sec: 1, nanosec: 5 }, frame_id: "rig".to_owned() }
     }
@@ -478,7 +474,7 @@ mod tests {
             assert_eq!(read(Dimension::Velocity, part, &twist), stamped(value));
         }
         assert_eq!(read(Dimension::Force, Some("force.x"), &wrench), stamped(1.0));
-        for of in ALL {
+        for of in Dimension::ALL {
             let taken = Ok(StampedValue { stamp_ns: None, value: Some(0.25) });
             assert_eq!(read(of, None, &Float64 { data: 0.25 }), taken, "{of}");
             assert_eq!(read(of, None, &Float32 { data: 0.25 }), taken, "{of}");

@@ -20,16 +20,6 @@ impl PartialEq for Unit {
     }
 }
 
-/// All dimensions.
-const DIMENSIONS: [Dimension; 6] = [
-    Dimension::Length,
-    Dimension::Velocity,
-    Dimension::Force,
-    Dimension::Current,
-    Dimension::Voltage,
-    Dimension::Temperature,
-];
-
 const fn unit(name: &'static str, also: &'static [&'static str], to_si: fn(f64) -> f64) -> Unit {
     Unit { name, also, to_si }
 }
@@ -120,7 +110,7 @@ impl Unit {
 
     /// True if the name of a column ends in a unit of any dimension.
     pub(super) fn is_in_column(column: &str) -> bool {
-        DIMENSIONS.into_iter().any(|dimension| Self::in_column(dimension, column).is_some())
+        Dimension::ALL.into_iter().any(|dimension| Self::in_column(dimension, column).is_some())
     }
 }
 

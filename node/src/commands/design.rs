@@ -148,11 +148,11 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
 impl Args {
     /// The limits, with those of the drive of `model`.
     fn limits(&self, model: &Model) -> Result<Limits, NodeError> {
+        let needs = |kind: DriveKind, needed: &str| {
+            format!("the drive of the model is a {}; give its limit with {needed}", kind.in_words())
+        };
         let wrong = |given: &str, kind: DriveKind, needed: &str| {
-            NodeError::Usage(format!(
-                "{given}: the drive of the model is a {}; give its limit with {needed}",
-                kind.in_words()
-            ))
+            NodeError::Usage(format!("{given}: {}", needs(kind, needed)))
         };
         match model.force.drive() {
             Some(kind @ DriveKind::CoilCurrent) if self.voltage.is_some() => {
@@ -163,10 +163,7 @@ impl Args {
             }
             Some(kind) if self.current.is_none() && self.voltage.is_none() => {
                 let needed = if kind == DriveKind::CoilCurrent { "--current A" } else { "--voltage V" };
-                return Err(NodeError::Usage(format!(
-                    "the drive of the model is a {}; give its limit with {needed}",
-                    kind.in_words()
-                )));
+                return Err(NodeError::Usage(needs(kind, needed)));
             }
             _ => {}
         }

@@ -162,9 +162,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     for path in args.runs.iter().chain(&args.validate) {
         let loaded = args.load.load(path)?;
         let hash = loaded.sha256_hex();
-        if let Some(same) = hashes.iter().position(|other| *other == hash) {
-            let same =
-                args.runs.iter().chain(&args.validate).nth(same).map_or(path.as_path(), PathBuf::as_path);
+        let mut before = args.runs.iter().chain(&args.validate).zip(&hashes);
+        if let Some((same, _)) = before.find(|(_, other)| **other == hash) {
             return Err(given_twice(path, same, &hash));
         }
         runs.push(loaded.run);

@@ -96,12 +96,6 @@ impl OutputArgs {
         }
         self.json.as_deref().map_or(Ok(()), |path| json(path, value))
     }
-
-    /// The files that will be written, the JSON file first.
-    pub fn files(&self) -> impl Iterator<Item = &Path> {
-        let paths = [self.json.as_deref(), self.report.as_deref()];
-        paths.into_iter().flatten().filter(|path| *path != Path::new("-"))
-    }
 }
 
 /// A report cannot be serialised.

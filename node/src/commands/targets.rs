@@ -37,22 +37,27 @@ impl<'a> Target<'a> {
 }
 
 impl OutputArgs {
-    /// The files that will be written.
+    /// The files that will be written, the JSON file first.
     pub(crate) fn targets(&self) -> impl Iterator<Item = Target<'_>> {
-        let targets = [("--report", self.report.as_deref()), ("--json", self.json.as_deref())];
-        targets.into_iter().filter_map(|(option, path)| Some(Target::new(option, file(path?)?)))
+        let report = self.report.as_deref().and_then(|path| named("--report", path));
+        json(self.json.as_deref()).into_iter().chain(report)
+    }
+
+    /// Their paths.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.targets().map(|target| target.path)
     }
 }
 
-/// `path`, unless it stands for stdout.
-fn file(path: &Path) -> Option<&Path> {
-    (path != Path::new("-")).then_some(path)
+/// The target that `option` names, unless it is stdout.
+fn named<'a>(option: &'static str, path: &'a Path) -> Option<Target<'a>> {
+    (path != Path::new("-")).then_some(Target::new(option, path))
 }
 
 /// The target of `--json`, if it is a file.
 #[must_use]
 pub(crate) fn json(path: Option<&Path>) -> Option<Target<'_>> {
-    Some(Target::new("--json", file(path?)?))
+    named("--json", path?)
 }
 
 /// Checks `targets` against each other and against `inputs`, the files that the command reads.

@@ -528,6 +528,6 @@ fn with_term(model: &Augmented, term: Term) -> Result<Augmented, Error> {
 }
 
 /// `model` with `terms` in place of its own.
-fn with_terms(model: &Augmented, terms: &[Term]) -> Result<Augmented, Error> {
+pub(super) fn with_terms(model: &Augmented, terms: &[Term]) -> Result<Augmented, Error> {
     Augmented::new(*model.force(), model.effects().with_terms(Terms::new(terms)?))
 }

@@ -228,6 +228,14 @@ impl CaseSpec {
         self.with(&[], seed)
     }
 
+    /// Runs of the healthy damper with other motions and currents than [`CaseSpec::case`].
+    ///
+    /// # Errors
+    /// As [`CaseSpec::case`].
+    pub(crate) fn healthy_runs(&self, seed: u64) -> Result<Vec<Run>, Error> {
+        Ok(self.healthy(seed + 100_000)?.estimate)
+    }
+
     fn with(&self, truth: &[(&'static str, f64)], seed: u64) -> Result<Case, Error> {
         let channels = Channels::default().with_velocity(VELOCITY_NOISE_M_S);
         let run = |which: usize, name: &str| -> Result<Run, Error> {

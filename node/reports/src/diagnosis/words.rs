@@ -160,7 +160,7 @@ pub fn parameter(found: &FoundParameter, drive: Option<DriveKind>) -> String {
     )
 }
 
-/// What the healthy runs say about an effect; `None` without them.
+/// Whether an effect is new since the healthy runs; `None` without them.
 #[must_use]
 pub fn since_healthy(named: &NamedEffect, drive: Option<DriveKind>) -> Option<String> {
     let SinceHealthy { amount, change } = named.since_healthy?;
