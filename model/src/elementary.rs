@@ -90,7 +90,7 @@ const fn power_of_two(e: i32) -> f64 {
 /// assert!((exp(1.0) - std::f64::consts::E).abs() < 1e-15);
 /// assert_eq!([exp(0.0), exp(-1e9), exp(f64::INFINITY)], [1.0, 0.0, f64::INFINITY]);
 /// ```
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn exp(x: f64) -> f64 {
     if x.abs() <= 700.0 {
@@ -125,7 +125,7 @@ fn exp_far(x: f64) -> f64 {
 ///
 /// assert_eq!([exp_m1(1e-18), exp_m1(-1e3)], [1e-18, -1.0]);
 /// ```
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn exp_m1(x: f64) -> f64 {
     if x.abs() <= 40.0 {
@@ -143,7 +143,7 @@ pub fn exp_m1(x: f64) -> f64 {
 ///
 /// assert_eq!([tanh(0.0), tanh(1e3), tanh(-1e3)], [0.0, 1.0, -1.0]);
 /// ```
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn tanh(x: f64) -> f64 {
     let size = x.abs();
@@ -243,7 +243,7 @@ const FIRST_MIDDLE: u64 = 0x3fe6_0000_0000_0000;
 /// assert_eq!([ln(1.0), ln(0.0), ln(f64::INFINITY)], [0.0, f64::NEG_INFINITY, f64::INFINITY]);
 /// assert!((ln(10.0) - std::f64::consts::LN_10).abs() < 1e-15 && ln(-1.0).is_nan());
 /// ```
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn ln(x: f64) -> f64 {
     if (f64::MIN_POSITIVE..f64::INFINITY).contains(&x) {

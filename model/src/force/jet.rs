@@ -37,30 +37,30 @@ pub(crate) trait Real:
     fn sin(self) -> Self;
 
     /// True for the constant zero: the value is zero, and so are its derivatives.
-    #[inline]
+    #[inline(always)]
     fn is_zero(self) -> bool {
         self == Self::from(0.0)
     }
 
-    #[inline]
+    #[inline(always)]
     fn abs(self) -> Self {
         if self.re() < 0.0 { -self } else { self }
     }
 
     /// The larger of two values; the other one if one of them is NaN.
-    #[inline]
+    #[inline(always)]
     fn max(self, other: Self) -> Self {
         if self.re() >= other.re() || other.re().is_nan() { self } else { other }
     }
 
     /// The smaller of two values; the other one if one of them is NaN.
-    #[inline]
+    #[inline(always)]
     fn min(self, other: Self) -> Self {
         if self.re() <= other.re() || other.re().is_nan() { self } else { other }
     }
 
     /// The value, or the bound that it lies beyond. NaN stays NaN.
-    #[inline]
+    #[inline(always)]
     fn clamp(self, low: f64, high: f64) -> Self {
         if self.re() < low {
             Self::from(low)
@@ -73,57 +73,57 @@ pub(crate) trait Real:
 }
 
 impl Real for f64 {
-    #[inline]
+    #[inline(always)]
     fn re(self) -> f64 {
         self
     }
 
-    #[inline]
+    #[inline(always)]
     fn exp(self) -> Self {
         elementary::exp(self)
     }
 
-    #[inline]
+    #[inline(always)]
     fn exp_m1(self) -> Self {
         elementary::exp_m1(self)
     }
 
-    #[inline]
+    #[inline(always)]
     fn ln(self) -> Self {
         elementary::ln(self)
     }
 
-    #[inline]
+    #[inline(always)]
     fn tanh(self) -> Self {
         elementary::tanh(self)
     }
 
-    #[inline]
+    #[inline(always)]
     fn atan(self) -> Self {
         elementary::atan(self)
     }
 
-    #[inline]
+    #[inline(always)]
     fn sin(self) -> Self {
         elementary::sin(self)
     }
 
-    #[inline]
+    #[inline(always)]
     fn abs(self) -> Self {
         self.abs()
     }
 
-    #[inline]
+    #[inline(always)]
     fn max(self, other: Self) -> Self {
         if self >= other || other.is_nan() { self } else { other }
     }
 
-    #[inline]
+    #[inline(always)]
     fn min(self, other: Self) -> Self {
         if self <= other || other.is_nan() { self } else { other }
     }
 
-    #[inline]
+    #[inline(always)]
     fn clamp(self, low: f64, high: f64) -> Self {
         self.clamp(low, high)
     }
@@ -138,7 +138,7 @@ pub(crate) struct Jet<const N: usize> {
 
 impl<const N: usize> Jet<N> {
     /// `re` as the variable of `direction`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn variable(re: f64, direction: usize) -> Self {
         let mut jet = Self::from(re);
         jet.by[direction] = 1.0;
@@ -146,7 +146,7 @@ impl<const N: usize> Jet<N> {
     }
 
     /// A value `re` whose derivatives are `a` times the derivatives of `self`.
-    #[inline]
+    #[inline(always)]
     fn chain(mut self, re: f64, a: f64) -> Self {
         self.by.iter_mut().for_each(|d| *d *= a);
         Self { re, by: self.by }
@@ -154,7 +154,7 @@ impl<const N: usize> Jet<N> {
 
     /// A value `re` whose derivatives are `a` times the derivatives of `self` plus `b` times the derivatives
     /// of `other`.
-    #[inline]
+    #[inline(always)]
     fn blend(mut self, other: &Self, re: f64, a: f64, b: f64) -> Self {
         for (d, e) in self.by.iter_mut().zip(&other.by) {
             *d = *d * a + *e * b;
@@ -164,54 +164,54 @@ impl<const N: usize> Jet<N> {
 }
 
 impl<const N: usize> Default for Jet<N> {
-    #[inline]
+    #[inline(always)]
     fn default() -> Self {
         Self::from(0.0)
     }
 }
 
 impl<const N: usize> From<f64> for Jet<N> {
-    #[inline]
+    #[inline(always)]
     fn from(re: f64) -> Self {
         Self { re, by: [0.0; N] }
     }
 }
 
 impl<const N: usize> Real for Jet<N> {
-    #[inline]
+    #[inline(always)]
     fn re(self) -> f64 {
         self.re
     }
 
-    #[inline]
+    #[inline(always)]
     fn exp(self) -> Self {
         let e = elementary::exp(self.re);
         self.chain(e, e)
     }
 
-    #[inline]
+    #[inline(always)]
     fn exp_m1(self) -> Self {
         let less = elementary::exp_m1(self.re);
         self.chain(less, less + 1.0)
     }
 
-    #[inline]
+    #[inline(always)]
     fn ln(self) -> Self {
         self.chain(elementary::ln(self.re), self.re.recip())
     }
 
-    #[inline]
+    #[inline(always)]
     fn tanh(self) -> Self {
         let t = elementary::tanh(self.re);
         self.chain(t, 1.0 - t * t)
     }
 
-    #[inline]
+    #[inline(always)]
     fn atan(self) -> Self {
         self.chain(elementary::atan(self.re), (1.0 + self.re * self.re).recip())
     }
 
-    #[inline]
+    #[inline(always)]
     fn sin(self) -> Self {
         let (sin, cos) = (elementary::sin(self.re), elementary::cos(self.re));
         self.chain(sin, cos)
@@ -221,7 +221,7 @@ impl<const N: usize> Real for Jet<N> {
 impl<const N: usize> Add for Jet<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn add(self, other: Self) -> Self {
         self.blend(&other, self.re + other.re, 1.0, 1.0)
     }
@@ -230,7 +230,7 @@ impl<const N: usize> Add for Jet<N> {
 impl<const N: usize> Sub for Jet<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn sub(self, other: Self) -> Self {
         self.blend(&other, self.re - other.re, 1.0, -1.0)
     }
@@ -239,7 +239,7 @@ impl<const N: usize> Sub for Jet<N> {
 impl<const N: usize> Mul for Jet<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn mul(self, other: Self) -> Self {
         self.blend(&other, self.re * other.re, other.re, self.re)
     }
@@ -248,7 +248,7 @@ impl<const N: usize> Mul for Jet<N> {
 impl<const N: usize> Div for Jet<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn div(self, other: Self) -> Self {
         let inverse = other.re.recip();
         let re = self.re / other.re;
@@ -259,7 +259,7 @@ impl<const N: usize> Div for Jet<N> {
 impl<const N: usize> Neg for Jet<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn neg(self) -> Self {
         self.chain(-self.re, -1.0)
     }
@@ -268,7 +268,7 @@ impl<const N: usize> Neg for Jet<N> {
 impl<const N: usize> Add<f64> for Jet<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn add(self, constant: f64) -> Self {
         Self { re: self.re + constant, by: self.by }
     }
@@ -277,7 +277,7 @@ impl<const N: usize> Add<f64> for Jet<N> {
 impl<const N: usize> Sub<f64> for Jet<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn sub(self, constant: f64) -> Self {
         Self { re: self.re - constant, by: self.by }
     }
@@ -286,7 +286,7 @@ impl<const N: usize> Sub<f64> for Jet<N> {
 impl<const N: usize> Mul<f64> for Jet<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn mul(self, factor: f64) -> Self {
         self.chain(self.re * factor, factor)
     }
@@ -295,7 +295,7 @@ impl<const N: usize> Mul<f64> for Jet<N> {
 impl<const N: usize> Div<f64> for Jet<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn div(self, divisor: f64) -> Self {
         self.chain(self.re / divisor, divisor.recip())
     }

@@ -39,6 +39,7 @@
 
 use super::{Hidden, Inputs, Law, MAX_HIDDEN, Parameter, Scale, Sensitivity, by_jets, first_gradient};
 use crate::force::jet::Real;
+use crate::lanes::widest;
 
 /// Longest step, s, unless a sample would need more than [`STEPS`] of them.
 const LONGEST_S: f64 = 0.5e-3;
@@ -99,6 +100,15 @@ impl Law for BoucWen {
 /// `hidden` is unchanged; the next sample continues from it.
 #[inline]
 fn step<D: Real>(p: &[D], inputs: &Inputs<D>, hidden: &mut Hidden<D>) -> D {
+    widest(
+        #[inline(always)]
+        || sample(p, inputs, hidden),
+    )
+}
+
+/// [`step`], compiled into its caller, so that the derivatives of a [`crate::force::jet::Jet`] use the caller's vectors.
+#[inline(always)]
+fn sample<D: Real>(p: &[D], inputs: &Inputs<D>, hidden: &mut Hidden<D>) -> D {
     let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
     if !(x.re().is_finite() && v.re().is_finite()) {
         return D::from(f64::NAN);
