@@ -125,7 +125,7 @@ fn exp_far(x: f64) -> f64 {
 ///
 /// assert_eq!([exp_m1(1e-18), exp_m1(-1e3)], [1e-18, -1.0]);
 /// ```
-#[inline(always)]
+#[inline]
 #[must_use]
 pub fn exp_m1(x: f64) -> f64 {
     if x.abs() <= 40.0 {
@@ -143,7 +143,7 @@ pub fn exp_m1(x: f64) -> f64 {
 ///
 /// assert_eq!([tanh(0.0), tanh(1e3), tanh(-1e3)], [0.0, 1.0, -1.0]);
 /// ```
-#[inline(always)]
+#[inline]
 #[must_use]
 pub fn tanh(x: f64) -> f64 {
     let size = x.abs();

@@ -4,6 +4,8 @@
 //! All directions share one pass, including its powers and logarithms. The vector dual numbers of `num-dual` do the same, in three times
 //! the time (node/docs/decisions/0013-explicit-derivatives.md).
 //!
+//! All operations are inlined always: a law that runs in [`crate::lanes::widest`] then uses the vectors of the processor for them.
+//!
 //! A comparison uses the values alone. The derivative then belongs to the branch that was taken, which is exact except where two branches
 //! meet.
 
