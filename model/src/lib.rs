@@ -100,6 +100,7 @@ mod lanes;
 pub mod metrics;
 pub mod model;
 pub mod model_file;
+mod parallel;
 pub mod pipeline;
 pub mod preset;
 pub mod rig;

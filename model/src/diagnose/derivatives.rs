@@ -13,7 +13,7 @@ use super::joint::{Joint, Nearby};
 use super::space::Space;
 use crate::effect::AugmentedOnJets;
 use crate::force::jet::Jet;
-use rayon::prelude::*;
+use crate::parallel;
 
 /// Derivatives in one pass.
 const DIRECTIONS: usize = 8;
@@ -34,18 +34,17 @@ pub(super) fn columns(
         Some(model) if !needed.is_empty() => joint.rows.solved(&model),
         _ => Vec::new(),
     };
-    let found: Option<Vec<Vec<Vec<f64>>>> = needed
-        .par_chunks(DIRECTIONS)
-        .map(|numbers| {
-            if joint.watch.is_cancelled() {
-                return None;
-            }
-            Some(match on_jets(space, at, numbers) {
-                Some(model) => joint.rows.derivatives(&model, &solved, numbers.len()),
-                None => numbers.iter().map(|j| difference(joint, space, at, predicted_n, *j)).collect(),
-            })
+    let directions: Vec<&[usize]> = needed.chunks(DIRECTIONS).collect();
+    let of_some = |numbers: &&[usize]| -> Option<Vec<Vec<f64>>> {
+        if joint.watch.is_cancelled() {
+            return None;
+        }
+        Some(match on_jets(space, at, numbers) {
+            Some(model) => joint.rows.derivatives(&model, &solved, numbers.len()),
+            None => numbers.iter().map(|j| difference(joint, space, at, predicted_n, *j)).collect(),
         })
-        .collect();
+    };
+    let found: Option<Vec<_>> = parallel::map(&directions, of_some).into_iter().collect();
     for (j, column) in needed.into_iter().zip(found?.into_iter().flatten()) {
         known[j] = Some(column);
     }

@@ -22,8 +22,8 @@ use crate::effect::Augmented;
 use crate::error::Error;
 use crate::identify::least_squares::{Normal, Problem, Stop, minimise};
 use crate::identify::{Scales, Watch};
+use crate::parallel;
 use nalgebra::DVector;
-use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
 /// Relative change below which a fit has converged; far smaller than the threshold of any check.
@@ -179,9 +179,9 @@ impl Simulated<'_, '_> {
             missed.iter_mut().zip(column).for_each(|(missed, c)| *missed -= c * moved * step);
         }
         if length > 0.0 {
-            best.columns.par_iter_mut().zip(&moved).zip(&steps).for_each(|((column, moved), step)| {
-                let share = moved / (step * length);
-                column.iter_mut().zip(&missed).for_each(|(c, missed)| *c += share * missed);
+            best.columns = parallel::map_indices(best.columns.len(), |j| {
+                let share = moved[j] / (steps[j] * length);
+                best.columns[j].iter().zip(&missed).map(|(c, missed)| c + share * missed).collect()
             });
         }
         Some((best.columns, best.updates + 1))

@@ -17,7 +17,7 @@ use crate::effect::{Augmented, Effect, EffectModel};
 use crate::error::{DiagnosisError, Error};
 use crate::identify::{Dataset, Scales, Watch};
 use crate::model::Model;
-use rayon::prelude::*;
+use crate::parallel;
 use std::collections::HashMap;
 
 /// The inputs of a diagnosis: base, settings, and the rows of its runs.
@@ -389,7 +389,7 @@ impl<'a> Procedure<'a> {
             let Some(one) = self.fitted(fits, &start)? else { return Ok(f64::INFINITY) };
             Ok(test_runs::fitted(&self.confirm, &one.model)?.squares)
         };
-        let squares: Vec<f64> = effects.par_iter().map(with).collect::<Result<_, Error>>()?;
+        let squares: Vec<f64> = parallel::map(&effects, with).into_iter().collect::<Result<_, Error>>()?;
         Ok(squares.into_iter().reduce(f64::min))
     }
 
@@ -510,13 +510,14 @@ impl<'a> Procedure<'a> {
     /// `current` without each of its effects in turn, refitted. `None` for an effect that the base already has, or if the model does not
     /// run without the effect.
     fn without_each(&self, current: &Fitted, fits: &[Fitted]) -> Result<Vec<Option<Fitted>>, Error> {
-        let without = |(index, effect): (usize, &EffectModel)| {
-            if self.is_in_base(effect.effect()) {
+        let effects = current.model.effects().as_slice();
+        let without = |index: usize| {
+            if self.is_in_base(effects[index].effect()) {
                 return Ok(None);
             }
             self.fitted(fits, &without_effect(&current.model, index)?)
         };
-        current.model.effects().as_slice().par_iter().enumerate().map(without).collect()
+        parallel::map_indices(effects.len(), without).into_iter().collect()
     }
 
     /// Rejects `effect` if `current` is not better than `without` it by the least share required of an effect.

@@ -13,8 +13,8 @@ use super::rows::{Rows, dot};
 use super::score::{Score, Scores};
 use crate::effect::{Effect, EffectModel};
 use crate::error::Error;
+use crate::parallel;
 use crate::statistics::block_sums::adjusted_p_values;
-use rayon::prelude::*;
 
 /// Largest number of candidates that are refitted in a round.
 const MOST_REFITS: usize = 6;
@@ -94,7 +94,8 @@ impl Round<'_> {
         worth.sort_by(|a, b| scores[*b].predicted_drop.total_cmp(&scores[*a].predicted_drop));
         worth.truncate(MOST_REFITS);
         let ranked = |k: &usize| all.refit(&self.joint, current, &scores[*k], RANKING);
-        let fits: Vec<Option<Fitted>> = worth.par_iter().map(ranked).collect::<Result<_, Error>>()?;
+        let fits: Vec<Option<Fitted>> =
+            parallel::map(&worth, ranked).into_iter().collect::<Result<_, Error>>()?;
         let mut refits = Vec::new();
         for (k, fitted) in worth.into_iter().zip(fits) {
             let Some(fitted) = fitted else { continue };

@@ -9,16 +9,16 @@ use crate::condition::{ApplyTo, LowPassState};
 use crate::effect::{Augmented, AugmentedOnJets, AugmentedState, JetState, Need, Solved};
 use crate::force::jet::Jet;
 use crate::identify::{Dataset, Row, walk};
+use crate::parallel;
 pub(super) use crate::statistics::dot;
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 use std::ops::{ControlFlow, Range};
 
 /// The scalar products of all pairs of `columns`.
 pub(super) fn gram(columns: &[Vec<f64>]) -> DMatrix<f64> {
     let n = columns.len();
     let lower: Vec<Vec<f64>> =
-        (0..n).into_par_iter().map(|a| (0..=a).map(|b| dot(&columns[a], &columns[b])).collect()).collect();
+        parallel::map_indices(n, |a| (0..=a).map(|b| dot(&columns[a], &columns[b])).collect());
     DMatrix::from_fn(n, n, |a, b| lower[a.max(b)][a.min(b)])
 }
 
@@ -286,7 +286,7 @@ impl<'a> Rows<'a> {
 
     /// The force that an effect of `model` solves for in each run, for [`Rows::derivatives`] of the same model; `None` if no effect does.
     pub(super) fn solved(&self, model: &Augmented) -> Vec<Option<Solved>> {
-        self.runs.par_iter().map(|run| run.solved(model)).collect()
+        parallel::map(&self.runs, |run| run.solved(model))
     }
 
     /// Derivatives of the simulated force of `model` over all runs, each run's mean removed, one series for each of the first `count`
@@ -297,8 +297,8 @@ impl<'a> Rows<'a> {
         solved: &[Option<Solved>],
         count: usize,
     ) -> Vec<Vec<f64>> {
-        let of_run = |(run, solved): (&RunRows, &Option<Solved>)| run.derivatives(model, solved.as_ref());
-        let found = self.joined(self.runs.par_iter().zip(solved).map(of_run)).unwrap_or_default();
+        let of_run = |k: usize| self.runs[k].derivatives(model, solved[k].as_ref());
+        let found = self.joined(parallel::map_indices(self.runs.len(), of_run)).unwrap_or_default();
         let series = |direction: usize| self.derivative(found.iter().map(|by| by[direction]).collect());
         (0..count).map(series).collect()
     }
@@ -313,16 +313,12 @@ impl<'a> Rows<'a> {
     }
 
     /// The series that `of_run` gives, run by run; `None` if it gives none for one run.
-    fn concatenated<T: Send>(
-        &self,
-        of_run: impl Fn(&RunRows) -> Option<Vec<T>> + Sync + Send,
-    ) -> Option<Vec<T>> {
-        self.joined(self.runs.par_iter().map(of_run))
+    fn concatenated<T: Send>(&self, of_run: impl Fn(&RunRows) -> Option<Vec<T>> + Sync) -> Option<Vec<T>> {
+        self.joined(parallel::map(&self.runs, of_run))
     }
 
     /// The series of all runs as one; `None` if one is missing.
-    fn joined<T: Send>(&self, parts: impl IndexedParallelIterator<Item = Option<Vec<T>>>) -> Option<Vec<T>> {
-        let parts: Vec<Option<Vec<T>>> = parts.collect();
+    fn joined<T>(&self, parts: Vec<Option<Vec<T>>>) -> Option<Vec<T>> {
         let mut all = Vec::with_capacity(self.len());
         for part in parts {
             all.extend(part?);

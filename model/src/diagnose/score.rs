@@ -18,8 +18,8 @@ use super::rows::{Rows, dot};
 use super::space::with_effect;
 use crate::effect::{Augmented, Effect, EffectModel, Parameter};
 use crate::error::{DiagnosisError, Error};
+use crate::parallel;
 use crate::statistics::block_sums::{least_p, p_value};
-use rayon::prelude::*;
 
 /// Least change of the force by the probe of an effect, root mean square, as a share of the force's scale; below it the runs do not excite
 /// the effect.
@@ -80,7 +80,8 @@ pub(super) fn scores(
         }
         Ok(score(joint, confirm, fitted, &span, *effect, settings))
     };
-    let found: Vec<Result<Score, RefusedEffect>> = effects.par_iter().map(one).collect::<Result<_, _>>()?;
+    let found: Vec<Result<Score, RefusedEffect>> =
+        parallel::map(&effects, one).into_iter().collect::<Result<_, _>>()?;
     let mut scores = Vec::new();
     let excluded = |effect| RefusedEffect { effect, why: Refusal::Excluded };
     let mut untestable: Vec<RefusedEffect> = left_out.into_iter().map(excluded).collect();

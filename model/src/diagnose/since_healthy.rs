@@ -28,7 +28,7 @@ use crate::effect::term::Term;
 use crate::effect::{Augmented, EffectModel, Effects};
 use crate::error::Error;
 use crate::identify::{Scales, Watch};
-use rayon::prelude::*;
+use crate::parallel;
 
 /// Share of an effect's amount at the second start of the fit to the healthy runs.
 const NEARLY_WITHOUT: f64 = 0.05;
@@ -53,9 +53,9 @@ pub(super) fn compared(
     };
     // A fit that begins with the effects may end beside the least error of a damper without them.
     let found = of_healthy(&result)?;
-    let starts = [found, nearly_without(&found)?].into_par_iter();
+    let starts = [found, nearly_without(&found)?];
     let fits: Vec<Option<Fitted>> =
-        starts.map(|start| joint.refit(&start, FINAL)).collect::<Result<_, _>>()?;
+        parallel::map(&starts, |start| joint.refit(start, FINAL)).into_iter().collect::<Result<_, _>>()?;
     let best = fits.into_iter().flatten().min_by(|a, b| a.squares.total_cmp(&b.squares));
     let Some(fitted) = best else { return Ok(result) };
     let intervals = Intervals::new(&joint, &fitted, settings.training_block_s(), Contents::All)?;

@@ -24,8 +24,8 @@
 use super::rows::Rows;
 use crate::effect::Augmented;
 use crate::identify::{Dataset, Row};
+use crate::parallel;
 use crate::statistics::parabola;
-use rayon::prelude::*;
 
 /// Rows to either side of a row that the parabola and the median use.
 const REACH: usize = 2;
@@ -72,7 +72,7 @@ pub(super) struct Change {
 /// not finite, are left out.
 pub(super) fn changes(rows: &Rows, model: &Augmented, predicted_n: &[f64]) -> Vec<Change> {
     let forces: Vec<Option<Vec<f64>>> =
-        VARIANTS.par_iter().map(|variant| rows.predict_changed(model, variant.change)).collect();
+        parallel::map(&VARIANTS, |variant| rows.predict_changed(model, variant.change));
     let change = |(variant, force_n): (&Variant, &Option<Vec<f64>>)| {
         let from = match variant.from {
             None => predicted_n,

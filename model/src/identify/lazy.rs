@@ -24,10 +24,10 @@ use super::offsets::session_offsets_n;
 use super::{Progress, Watch};
 use crate::error::{Error, IdentifyError};
 use crate::force::{Lazy, LazyMetric, LazyPoint, MAX_POINTS};
+use crate::parallel;
 use crate::sample::DriveKind;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Weights of displacement and of drive relative to velocity.
@@ -97,7 +97,7 @@ pub(super) fn fit(
         let (sum, count) = errors.fold((0.0, 0.0), |(sum, count), e| (sum + e, count + 1.0));
         if count > 0.0 { sum / count } else { 0.0 }
     };
-    let errors_n: Vec<f64> = (0..datasets.len()).into_par_iter().map(error).collect();
+    let errors_n: Vec<f64> = parallel::map_indices(datasets.len(), error);
     let offsets_n: Vec<f64> = rough_n.iter().zip(errors_n).map(|(mean, error)| mean + error).collect();
     let model = model.with_force_offset_n(super::mean_offset(datasets, &offsets_n));
     Ok(Fitted { model, offsets_n, restart_rsse_n })
@@ -192,7 +192,7 @@ fn choose(
         watch.report(Progress::Restart { done: done.fetch_add(1, Ordering::Relaxed) as u32 + 1, of });
         Some(outcomes)
     };
-    let outcomes: Option<Vec<_>> = metrics.par_iter().map(one).collect();
+    let outcomes: Option<Vec<_>> = parallel::map(&metrics, one).into_iter().collect();
     let mut outcomes: Vec<_> = outcomes.ok_or(Error::Cancelled)?.into_iter().flatten().collect();
     outcomes.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (_, metric, neighbours) = outcomes[0];
@@ -223,8 +223,8 @@ fn memory(
             return None;
         }
         let centres: Vec<[f64; 3]> = points.iter().map(scaled).collect();
-        let chunks = rows.par_chunks(CHUNK).zip(places.par_chunks(CHUNK));
-        let sums: Vec<Vec<[f64; 5]>> = chunks.map(|(rows, places)| sums(rows, places, &centres)).collect();
+        let chunks: Vec<_> = rows.chunks(CHUNK).zip(places.chunks(CHUNK)).collect();
+        let sums = parallel::map(&chunks, |(rows, places)| sums(rows, places, &centres));
         for (j, point) in points.iter_mut().enumerate() {
             let mut sum = [0.0; 5];
             for chunk in &sums {

@@ -31,8 +31,8 @@ use crate::force::{
     ForceModel, FuzzySets, MAX_FUNCTIONS, MaxwellSlip, SLIP_BRISTLES, SLIP_COEFFICIENTS, SLIP_KNOTS,
     SlipFunction, SlipGrid, SlipState,
 };
+use crate::parallel;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// Weight of the ridge, relative to each column's sum of squares.
 const RIDGE: f64 = 1e-5;
@@ -79,7 +79,7 @@ pub(super) fn mean_esr(
     let esr = |dataset: &Dataset| -> Result<f64, Error> {
         Ok(score(&model, dataset, watch)?.free_run_without_offset.map_or(f64::INFINITY, |fit| fit.esr))
     };
-    let of_runs: Vec<f64> = datasets.par_iter().map(esr).collect::<Result<_, _>>()?;
+    let of_runs: Vec<f64> = parallel::map(datasets, esr).into_iter().collect::<Result<_, _>>()?;
     Ok(of_runs.iter().sum::<f64>() / of_runs.len() as f64)
 }
 
@@ -134,7 +134,7 @@ impl Design {
 
     fn fit(&self, training: Training, ridge: f64, watch: &Watch) -> Result<Fitted, Error> {
         let (n, datasets) = (self.width(), training.runs);
-        let of_runs: Vec<Sums> = datasets.par_iter().map(|dataset| self.sums(dataset, watch)).collect();
+        let of_runs: Vec<Sums> = parallel::map(datasets, |dataset| self.sums(dataset, watch));
         if watch.is_cancelled() {
             return Err(Error::Cancelled);
         }

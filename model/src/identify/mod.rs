@@ -93,8 +93,8 @@ pub use watch::{Progress, Watch};
 use crate::condition::Conditioning;
 use crate::error::{Error, IdentifyError};
 use crate::force::MAX_DEGREE;
+use crate::parallel;
 use crate::sample::{DriveKind, Run};
-use rayon::prelude::*;
 
 /// Identifies a model from `runs`.
 ///
@@ -199,7 +199,7 @@ fn datasets(
         Dataset::from_run(run, conditioning, &options.dataset)
     };
     // The runs are processed in parallel, but the reported error is always the first run's.
-    let results: Vec<Result<Dataset, Error>> = runs.par_iter().map(one).collect();
+    let results: Vec<Result<Dataset, Error>> = parallel::map(runs, one);
     let datasets = results.into_iter().collect::<Result<Vec<Dataset>, Error>>()?;
     check_rows(&datasets)?;
     Ok(datasets)

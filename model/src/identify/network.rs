@@ -36,12 +36,12 @@ use super::{Progress, Watch, regression};
 use crate::error::{Error, IdentifyError};
 use crate::force::{Network, NetworkScaling, NetworkStructure, Normalisation};
 use crate::metrics::ErrorSum;
+use crate::parallel;
 use crate::sample::DriveKind;
 use crate::units::Second;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -222,7 +222,7 @@ fn train(table: &Table, restarts: u32, seed: u64, watch: &Watch) -> Result<(Vec<
     };
     let explore = |restart| {
         let mut random =
-            Pcg64Mcg::seed_from_u64(seed ^ (u64::from(restart) + 1).wrapping_mul(0xd134_2543_de82_ef95));
+            Pcg64Mcg::seed_from_u64(seed ^ (restart as u64 + 1).wrapping_mul(0xd134_2543_de82_ef95));
         let weights = nguyen_widrow(&table.network, &mut random);
         let mut candidate = Candidate { weights, error: f64::INFINITY, random };
         for stage in stages {
@@ -232,7 +232,8 @@ fn train(table: &Table, restarts: u32, seed: u64, watch: &Watch) -> Result<(Vec<
         watch.report(Progress::Restart { done: done as u32, of: restarts });
         Some(candidate)
     };
-    let candidates: Option<Vec<Candidate>> = (0..restarts).into_par_iter().map(explore).collect();
+    let candidates: Option<Vec<Candidate>> =
+        parallel::map_indices(restarts as usize, explore).into_iter().collect();
     let mut candidates = candidates.ok_or(Error::Cancelled)?;
     // The sort is stable: of equal errors the earlier restart comes first, whatever thread it ran on.
     candidates.sort_by(|a, b| a.error.total_cmp(&b.error));
@@ -242,7 +243,9 @@ fn train(table: &Table, restarts: u32, seed: u64, watch: &Watch) -> Result<(Vec<
     let of = candidates.len() as u32;
     watch.report(Progress::Polish { done: 0, of });
     let finished: Option<Vec<Candidate>> =
-        candidates.into_par_iter().map(|candidate| one_stage(table, candidate, last, watch)).collect();
+        parallel::map(&candidates, |candidate| one_stage(table, candidate.clone(), last, watch))
+            .into_iter()
+            .collect();
     watch.report(Progress::Polish { done: of, of });
     let best = finished.ok_or(Error::Cancelled)?.into_iter().min_by(|a, b| a.error.total_cmp(&b.error));
     let best = best.filter(|best| best.error.is_finite()).ok_or(IdentifyError::NoFiniteError)?;

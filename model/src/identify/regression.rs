@@ -30,8 +30,8 @@ use super::report::BLOCK_S;
 use crate::condition::{ApplyTo, VelocitySource};
 use crate::error::{Error, IdentifyError};
 use crate::force::Dependence;
+use crate::parallel;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Rows of a panel: large enough for an efficient QR, small enough for the first-level cache.
@@ -131,8 +131,8 @@ impl Regression {
             rounding += means.mean.rows(0, n).map(|m| ROUNDING * m.abs() * root);
         }
         let Solution { coefficients, rank, inverse, determined } = triangle.solve(&rounding)?;
-        let of_run = |(dataset, means)| self.variances(&coefficients, &inverse, dataset, means);
-        let of_runs: Vec<(DVector<f64>, u32)> = datasets.par_iter().zip(&means).map(of_run).collect();
+        let of_run = |index: usize| self.variances(&coefficients, &inverse, &datasets[index], &means[index]);
+        let of_runs: Vec<(DVector<f64>, u32)> = parallel::map_indices(datasets.len(), of_run);
         let variances = of_runs.iter().fold(DVector::zeros(n), |sum, (run, _)| sum + run);
         let blocks = of_runs.iter().map(|(_, blocks)| f64::from(*blocks)).sum::<f64>();
         // A block takes part in the fit that its errors belong to.
@@ -269,7 +269,7 @@ impl Regression {
         };
         let (n, copies) = (self.columns(), self.dependence.copies());
         // Parts are cut at fixed row numbers, so the sums do not depend on the number of threads.
-        let part = |from: usize| {
+        let part = |&from: &usize| {
             let mut triangle = Triangle::new(n + 2);
             let mut weights = DVector::<f64>::zeros(copies);
             let mut rows = 0;
@@ -281,7 +281,7 @@ impl Regression {
             (triangle.finish(), weights, rows)
         };
         let starts: Vec<usize> = (0..dataset.rows.len()).step_by(CHUNK).collect();
-        let parts: Vec<(DMatrix<f64>, DVector<f64>, usize)> = starts.into_par_iter().map(part).collect();
+        let parts: Vec<(DMatrix<f64>, DVector<f64>, usize)> = parallel::map(&starts, part);
         let (mut all, mut weights, mut rows) = (Triangle::new(n + 2), DVector::<f64>::zeros(copies), 0);
         for (factor, of_part, count) in &parts {
             factor.row_iter().for_each(|row| all.push(row.iter().copied()));
@@ -418,8 +418,9 @@ impl Triangle {
             return;
         }
         let triangle =
-            |panel: &[f64]| DMatrix::from_row_slice(panel.len() / width, width, panel).qr().unpack_r();
-        let mut parts: Vec<DMatrix<f64>> = self.waiting.par_chunks(PANEL * width).map(triangle).collect();
+            |panel: &&[f64]| DMatrix::from_row_slice(panel.len() / width, width, panel).qr().unpack_r();
+        let panels: Vec<&[f64]> = self.waiting.chunks(PANEL * width).collect();
+        let mut parts: Vec<DMatrix<f64>> = parallel::map(&panels, triangle);
         self.waiting.clear();
         parts.push(std::mem::replace(&mut self.factor, DMatrix::zeros(0, width)));
         let mut stacked = DMatrix::zeros(parts.iter().map(DMatrix::nrows).sum(), width);

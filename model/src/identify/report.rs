@@ -9,7 +9,7 @@ use super::velocity::VelocityTrial;
 use crate::effect::Augmented;
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::{Expected, Model};
-use rayon::prelude::*;
+use crate::parallel;
 use std::fmt;
 use std::ops::ControlFlow;
 
@@ -198,10 +198,9 @@ pub(super) fn assemble(
 ) -> Identified {
     let mut all = Errors::default();
     let mut runs = Vec::with_capacity(datasets.len());
-    let of_run = |(dataset, offset_n): (&Dataset, &f64)| {
-        run_errors(&model.augmented().with_force_offset_n(*offset_n), dataset)
-    };
-    let of_runs: Vec<Errors> = datasets.par_iter().zip(offsets_n).map(of_run).collect();
+    let of_run =
+        |index: usize| run_errors(&model.augmented().with_force_offset_n(offsets_n[index]), &datasets[index]);
+    let of_runs: Vec<Errors> = parallel::map_indices(datasets.len(), of_run);
     for ((dataset, &force_offset_n), own) in datasets.iter().zip(offsets_n).zip(of_runs) {
         all.free_run.merge(&own.free_run);
         all.one_step.merge(&own.one_step);

@@ -18,10 +18,10 @@ use super::least_squares::{Normal, Problem};
 use crate::condition::{ApplyTo, LowPass, LowPassState};
 use crate::force::Inputs;
 use crate::lanes::widest;
+use crate::parallel;
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -214,8 +214,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             .filter(|d| d.conditioning.apply_to == ApplyTo::Output)
             .map(|d| d.conditioning.low_pass());
         let all = filter.is_some() || columns.has_memory();
-        let mut runs: Vec<Rows> =
-            runs.par_iter().map(|d| gather(d, &columns, all, |row| row.force_n)).collect();
+        let mut runs: Vec<Rows> = parallel::map(runs, |d| gather(d, &columns, all, |row| row.force_n));
         runs.extend(prior.map(|prior| assumed(prior, &columns, 1)));
         Self { columns, runs, filter, parallel: true, cancel }
     }
@@ -237,20 +236,20 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         let whole =
             |dataset: &Dataset| gather(dataset, &columns, columns.has_memory(), |row| row.raw_force_n);
         if columns.has_memory() {
-            let runs: Vec<Rows> = datasets.par_iter().map(whole).collect();
+            let runs: Vec<Rows> = parallel::map(datasets, whole);
             let mut runs = stretches(&runs, columns.basis_len(), stride);
             runs.extend(assumed);
             return Self { columns, runs, filter: None, parallel: false, cancel };
         }
-        let one = |(index, dataset): (usize, &Dataset)| {
+        let one = |index: usize| {
             let mut random =
                 Pcg64Mcg::seed_from_u64(seed ^ (index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-            let rows = whole(dataset);
+            let rows = whole(&datasets[index]);
             // A short run keeps enough rows to have an influence among long runs.
             let stride = stride.min((rows.len() / 200).max(1));
             pick(&rows, columns.basis_len(), stride, || random.random::<f64>())
         };
-        let mut runs: Vec<Rows> = datasets.par_iter().enumerate().map(one).collect();
+        let mut runs: Vec<Rows> = parallel::map_indices(datasets.len(), one);
         runs.extend(assumed);
         Self { columns, runs, filter: None, parallel: false, cancel }
     }
@@ -278,7 +277,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             let error = sums.products[last * (last + 2)] - sums.linear[last].powi(2) / sums.count.max(1.0);
             error / (squares - mean * mean / sums.count.max(1.0)).max(f64::MIN_POSITIVE)
         };
-        let each: Vec<f64> = self.runs.par_iter().map(esr).collect();
+        let each: Vec<f64> = parallel::map(&self.runs, esr);
         each.iter().sum::<f64>() / each.len().max(1) as f64
     }
 
@@ -308,7 +307,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             let sums = self.sums(rows, 0..rows.len(), &natural);
             rows.mean_force_n - sums.linear[last] / sums.count.max(1.0)
         };
-        self.runs.par_iter().map(offset).collect()
+        parallel::map(&self.runs, offset)
     }
 
     /// Calls `take` for each counted row with its columns, followed by the residual (model minus measured).
@@ -384,16 +383,15 @@ impl<'a, C: Columns> RowProblem<'a, C> {
     pub(super) fn weigh(&mut self, parameters: &[f64], threshold_n: f64) {
         let natural = self.columns.natural(parameters);
         let offsets = self.offsets_n(parameters);
-        let weights: Vec<Vec<f64>> = (self.runs.par_iter().zip(offsets))
-            .map(|(rows, offset_n)| {
-                let mut roots = vec![1.0; rows.len()];
-                self.each(rows, 0..rows.len(), &natural, |k, row| {
-                    let residual = (row[row.len() - 1] + offset_n - rows.mean_force_n).abs();
-                    roots[k] = (threshold_n / residual).min(1.0).sqrt();
-                });
-                roots
-            })
-            .collect();
+        let weights: Vec<Vec<f64>> = parallel::map_indices(self.runs.len(), |run| {
+            let (rows, offset_n) = (&self.runs[run], offsets[run]);
+            let mut roots = vec![1.0; rows.len()];
+            self.each(rows, 0..rows.len(), &natural, |k, row| {
+                let residual = (row[row.len() - 1] + offset_n - rows.mean_force_n).abs();
+                roots[k] = (threshold_n / residual).min(1.0).sqrt();
+            });
+            roots
+        });
         for (rows, roots) in self.runs.iter_mut().zip(weights) {
             rows.robust_roots = roots;
         }
@@ -425,7 +423,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             scatter.ger(1.0, &block, &block, 1.0);
             scatter
         };
-        let each: Vec<DMatrix<f64>> = self.runs.par_iter().map(scatter).collect();
+        let each: Vec<DMatrix<f64>> = parallel::map(&self.runs, scatter);
         each.iter().fold(DMatrix::zeros(n, n), |sum, run| sum + run)
     }
 }
@@ -440,8 +438,11 @@ impl<C: Columns> Problem for RowProblem<'_, C> {
             Some((*index, self.sums(&self.runs[*index], range.clone(), &natural)))
         };
         let work = self.work();
-        let parts: Option<Vec<(usize, Sums)>> =
-            if self.parallel { work.par_iter().map(one).collect() } else { work.iter().map(one).collect() };
+        let parts: Option<Vec<(usize, Sums)>> = if self.parallel {
+            parallel::map(&work, one).into_iter().collect()
+        } else {
+            work.iter().map(one).collect()
+        };
         Some(centred(&parts?, self.columns.parameters()))
     }
 }

@@ -13,10 +13,10 @@ use super::report::BLOCK_S;
 use super::row_problem::{Columns, RowProblem, Training};
 use super::{Loss, Options, Progress, Watch};
 use crate::error::{Error, IdentifyError};
+use crate::parallel;
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Sample size for restarts; half as many for a model with memory, whose rows cost more.
@@ -212,21 +212,21 @@ fn explore<'a, S: SearchedModel>(
     let restarts = restarts.max(1);
     let full = Stop { evaluations: 120, cost: 1e-7, step: 1e-7 };
     let first = Stop { evaluations: ROUGH, ..full };
-    let one = |restart| {
-        let start = start(&sample, searched, restart, seed)?;
+    let one = |restart: usize| {
+        let start = start(&sample, searched, restart as u32, seed)?;
         let minimum = minimise(&sample, &start, &bounds, &first)?;
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         watch.report(Progress::Restart { done: done as u32, of: restarts });
         Some(minimum)
     };
-    let outcomes: Option<Vec<Minimum>> = (0..restarts).into_par_iter().map(one).collect();
+    let outcomes: Option<Vec<Minimum>> = parallel::map_indices(restarts as usize, one).into_iter().collect();
     let mut outcomes = outcomes.ok_or(Error::Cancelled)?;
     // The sort is stable: of equal costs the earlier restart comes first, whatever thread it ran on.
     // Non-finite costs are last.
     outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     let promising = outcomes.len().div_ceil(PROMISING);
     let on = |rough: &Minimum| minimise(&sample, &rough.parameters, &bounds, &full);
-    let finished: Option<Vec<Minimum>> = outcomes[..promising].par_iter().map(on).collect();
+    let finished: Option<Vec<Minimum>> = parallel::map(&outcomes[..promising], on).into_iter().collect();
     outcomes.splice(..promising, finished.ok_or(Error::Cancelled)?);
     outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     Ok((sample, outcomes))

@@ -26,9 +26,9 @@ use super::row_problem::RowProblem;
 use super::search::{self, Found, SearchedModel};
 use super::{Options, Progress, Watch};
 use crate::error::{Error, IdentifyError};
+use crate::parallel;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 
 /// Number of particles.
 pub(super) const PARTICLES: usize = 32;
@@ -112,7 +112,8 @@ fn fly(
         .collect();
     let mut best = Gathered { position: particles[0].own.clone(), cost: f64::INFINITY, converged: false };
     for generation in 0..=GENERATIONS {
-        let costs: Option<Vec<f64>> = particles.par_iter().map(|particle| cost(&particle.position)).collect();
+        let costs: Option<Vec<f64>> =
+            parallel::map(&particles, |particle| cost(&particle.position)).into_iter().collect();
         for (particle, cost) in particles.iter_mut().zip(costs?) {
             if cost < particle.cost {
                 particle.cost = cost;

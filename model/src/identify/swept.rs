@@ -21,9 +21,9 @@ use super::dataset::{self, Dataset, Row};
 use super::score::{DIVERGED, walk};
 use crate::effect::{Augmented, REFERENCE_TEMP_C};
 use crate::model::Envelope;
+use crate::parallel;
 use crate::sample::{Drive, DriveKind, Stamp};
 use crate::units::{MetrePerSecond, Newton};
-use rayon::prelude::*;
 use std::f64::consts::TAU;
 use std::fmt;
 use std::ops::ControlFlow;
@@ -220,7 +220,7 @@ pub(crate) fn sweep(model: &Augmented, datasets: &[Dataset]) -> Option<SweptRang
     let range = Range::of(datasets, model.force().drive())?;
     let model = model.with_force_offset_n(0.0);
     let sines: Vec<Sine> = range.sines().collect();
-    let sines: Vec<SweptSine> = sines.par_iter().map(|sine| range.simulate(&model, sine)).collect();
+    let sines: Vec<SweptSine> = parallel::map(&sines, |sine| range.simulate(&model, sine));
     let grows = grows(&sines);
     let faults = range.faults(&sines, grows);
     Some(SweptRange { sines, faults, grows })
@@ -344,7 +344,7 @@ impl<'a> Range<'a> {
                 && drive.is_none_or(|drive| (row.drive - drive.get()).abs() <= self.near)
         };
         let of_run = |d: &Dataset| d.rows.iter().filter(is_there).count() as f64 / d.rate_hz;
-        self.datasets.par_iter().map(of_run).sum()
+        parallel::map(self.datasets, of_run).iter().sum()
     }
 
     fn faults(&self, sines: &[SweptSine], grows: bool) -> Vec<SweptFault> {

@@ -13,8 +13,8 @@ use super::dataset::Dataset;
 use super::least_squares::{Normal, Problem};
 use crate::force::{DEPTH, MAX_NETWORK_INPUTS, Network};
 use crate::lanes::widest;
+use crate::parallel;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -273,8 +273,9 @@ impl Problem for Unrolled<'_> {
     fn normal(&self, weights: &[f64]) -> Option<Normal> {
         let network = self.table.network.with_weights(weights);
         let size = self.windows.len().div_ceil(CHUNKS).max(1);
+        let windows: Vec<_> = self.windows.chunks(size).collect();
         let sums: Option<Vec<Normal>> =
-            self.windows.par_chunks(size).map(|windows| self.sum(&network, windows)).collect();
+            parallel::map(&windows, |windows| self.sum(&network, windows)).into_iter().collect();
         sums?.into_iter().reduce(|mut all, one| {
             all.cost += one.cost;
             all.square += one.square;

@@ -10,7 +10,7 @@ use super::task::{Setup, Task};
 use super::{DesignError, LEAST_IN_PARTS_S, Limits, PARTS, Question};
 use crate::error::Error;
 use crate::identify::Dataset;
-use rayon::prelude::*;
+use crate::parallel;
 
 /// Segments in a part, and shortest and longest segment, s.
 const SEGMENTS: f64 = 6.0;
@@ -158,7 +158,7 @@ impl Task<'_> {
             for (at, &row) in run.indices.iter().enumerate().filter(|(_, row)| moving[**row]) {
                 keep[owner[row]].push(at);
             }
-            keep.par_iter().map(|keep| Sums { gram: columns.gram(keep), rows: keep.len() as f64 }).collect()
+            parallel::map(&keep, |keep| Sums { gram: columns.gram(keep), rows: keep.len() as f64 })
         };
         Ok((moving.each_ref().map(of_speed), columns.nuisance, run.step_s, peaks))
     }

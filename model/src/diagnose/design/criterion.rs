@@ -18,8 +18,8 @@ use super::super::rows::dot;
 use super::super::space::with_effect;
 use crate::effect::{Augmented, EffectModel, Parameter};
 use crate::error::Error;
+use crate::parallel;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// Added to the unit diagonal of the normal matrix.
 const RIDGE: f64 = 1e-9;
@@ -57,7 +57,7 @@ pub(super) fn columns(
     // A coefficient that cannot move has no column.
     series.extend(derivatives.into_iter().filter(|column| dot(column, column) > 0.0));
     let nuisance = series.len();
-    let changed = |(effect, share): (&EffectModel, f64)| -> Result<Vec<f64>, Error> {
+    let changed = |&(effect, share): &(&EffectModel, f64)| -> Result<Vec<f64>, Error> {
         if joint.watch.is_cancelled() {
             return Err(Error::Cancelled);
         }
@@ -67,7 +67,7 @@ pub(super) fn columns(
     };
     let shares: Vec<(&EffectModel, f64)> =
         effects.iter().flat_map(|effect| [(effect, 1.0), (effect, SMALLER)]).collect();
-    let changes: Vec<Vec<f64>> = shares.into_par_iter().map(changed).collect::<Result<_, _>>()?;
+    let changes: Vec<Vec<f64>> = parallel::map(&shares, changed).into_iter().collect::<Result<_, _>>()?;
     series.extend(changes);
     Ok(Some(Columns { series, nuisance }))
 }

@@ -12,8 +12,8 @@
 use super::criterion::{PairOfForms, Squares, squares};
 use crate::error::Error;
 use crate::identify::Watch;
+use crate::parallel;
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 /// Independent samples of the error in a second. The error of a good model is noise through the filter of the force (tens a second) and
 /// misfit that follows the motion (a few a second).
@@ -100,7 +100,7 @@ impl Search<'_> {
                 let here = chosen[place].map_or(&mean, |k| &self.candidates[k]);
                 let without = add(&total, here, -1.0);
                 let costs: Vec<f64> =
-                    self.candidates.par_iter().map(|one| self.cost(&add(&without, one, 1.0))).collect();
+                    parallel::map(self.candidates, |one| self.cost(&add(&without, one, 1.0)));
                 let uses = |k: usize| {
                     chosen.iter().enumerate().filter(|(at, other)| *at != place && **other == Some(k)).count()
                 };

@@ -13,7 +13,7 @@ use crate::diagnose::rows::{Rows, RunRows, is_driven};
 use crate::effect::Augmented;
 use crate::effect::term::{MAX_TERM_VALUES, Term, Terms, TermsState, around};
 use crate::force::jet::Jet;
-use rayon::prelude::*;
+use crate::parallel;
 
 /// A force with its derivatives by the numbers of a term.
 type ByTerm = Jet<MAX_TERM_VALUES>;
@@ -48,7 +48,7 @@ impl<'a> Damper<'a> {
             run.simulate(&inside, |simulated_n, _| force_n.push(simulated_n.unwrap_or(f64::NAN)));
             force_n
         };
-        Some(Self { model, rows, force_n: rows.runs().par_iter().map(of_run).collect() })
+        Some(Self { model, rows, force_n: parallel::map(rows.runs(), of_run) })
     }
 
     /// The damper with `term`, which must not act on an input, beside the terms of the model. `None` if the force is not finite at a row.

@@ -131,6 +131,13 @@ const HYPOTHESES: &[(Test, Hypothesis)] = &[
         ),
     ),
     (
+        |m, q, _| m != Modulator::ForcePerDrive && q == Argument::Drive,
+        hypothesis(
+            "no fault: the base follows the drive too coarsely, by its fuzzy sets or its polynomial",
+            "the same runs with a base of more fuzzy sets (`mr-damper identify --sets`)",
+        ),
+    ),
+    (
         |_, q, _| matches!(q, Argument::DriveChange | Argument::TimeSinceDriveChange),
         hypothesis(
             "the field lags the current: eddy currents, or the time that the fluid needs",

@@ -16,8 +16,8 @@ use crate::diagnose::Thresholds;
 use crate::diagnose::rows::dot;
 use crate::diagnose::space::bounds_of_term;
 use crate::effect::term::{Argument, Form, Modulator, Term};
+use crate::parallel;
 use crate::statistics::range;
-use rayon::prelude::*;
 
 /// Lowest frequency of the grid, Hz, and the ratio of a frequency to the one before.
 const LOWEST_HZ: f64 = 3.0;
@@ -72,11 +72,12 @@ fn pair(
     thresholds: &Thresholds,
 ) -> Option<Pair> {
     let column = |side: &Side, parameters| side.series.resonance(side.rows, argument, parameters);
-    let candidates = grid.par_iter().filter_map(|parameters| {
+    let candidates = parallel::map(grid, |parameters| {
         let [amount, gain] = fitted(&sides.train, &column(&sides.train, *parameters)?)?;
         Some((*parameters, amount, gain))
     });
-    let (parameters, amount, train_gain) = candidates.max_by(|(.., a), (.., b)| a.total_cmp(b))?;
+    let (parameters, amount, train_gain) =
+        candidates.into_iter().flatten().max_by(|(.., a), (.., b)| a.total_cmp(b))?;
     let (on_train, on_confirm) = (column(&sides.train, parameters)?, column(&sides.confirm, parameters)?);
     let of_train = sides.train.nuisance.weights(&on_train);
     let of_confirm = sides.confirm.nuisance.weights(&on_confirm);

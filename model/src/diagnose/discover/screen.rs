@@ -23,8 +23,8 @@ use crate::diagnose::Thresholds;
 use crate::diagnose::blocks::Blocks;
 use crate::effect::term::{Argument, Form, MAX_FORM_PARAMETERS, Modulator, Term, Terms};
 use crate::error::Error;
+use crate::parallel;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// Number of hat functions.
 const KNOTS: usize = 48;
@@ -84,10 +84,10 @@ pub(super) fn pairs(
         .filter(|(modulator, argument)| !(modulator.acts_on_input() && *argument == Argument::Force))
         .filter(|pair| taken.iter().all(|term| !repeats(*pair, term)))
         .collect();
-    let one = |(modulator, argument): (Modulator, Argument)| {
+    let one = |&(modulator, argument): &(Modulator, Argument)| {
         pair(sides, healthy, modulator, argument, blocks, thresholds)
     };
-    let mut found: Vec<Pair> = all.into_par_iter().filter_map(one).collect();
+    let mut found: Vec<Pair> = parallel::map(&all, one).into_iter().flatten().collect();
     let is_new = |pair: &Pair| taken.iter().all(|term| !repeats((pair.modulator, pair.argument), term));
     found.extend(resonance::pairs(sides, healthy, blocks, thresholds).filter(is_new));
     found.sort_by(|a, b| b.score.total_cmp(&a.score));

@@ -18,10 +18,10 @@ use crate::effect::Augmented;
 use crate::effect::term::{Argument, Form, Modulator, Term};
 use crate::error::Error;
 use crate::identify::least_squares::{Normal, Problem, Stop, minimise};
+use crate::parallel;
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 
 /// Pairs that are refitted: the best on the validation runs, and the best on the training runs.
 const BY_SCORE: usize = 4;
@@ -80,7 +80,8 @@ pub(super) fn settle(
     chosen.extend(by_training.into_iter().take(BY_TRAINING));
     let damper = Damper::new(&current.model, search.train);
     let alone = |pair: &&Pair| alone(search, sides, &current.model, damper.as_ref(), pair);
-    let alone: Vec<Option<Alone>> = chosen.par_iter().map(alone).collect::<Result<_, Error>>()?;
+    let alone: Vec<Option<Alone>> =
+        parallel::map(&chosen, alone).into_iter().collect::<Result<_, Error>>()?;
     let mut refits: Vec<Alone> = alone.into_iter().flatten().collect();
     refits.retain(|one| is_sound(&one.term));
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
@@ -92,8 +93,8 @@ pub(super) fn settle(
     refits.truncate(
         refits.partition_point(|one| one.squares <= thresholds.term_rival * least).min(MOST_RIVALS),
     );
-    let refits = refits.into_par_iter().map(|one| jointly(search, sides, known, one, blocks));
-    let refits: Vec<Option<Refitted>> = refits.collect::<Result<_, Error>>()?;
+    let refits = parallel::map(&refits, |one| jointly(search, sides, known, one, blocks));
+    let refits: Vec<Option<Refitted>> = refits.into_iter().collect::<Result<_, Error>>()?;
     let mut refits: Vec<Refitted> = refits.into_iter().flatten().collect();
     refits.retain(|one| is_sound(&one.term));
     // The nuisance space is not in the model: without it the term must help too.
@@ -169,7 +170,7 @@ fn jointly(
     search: &Search,
     sides: &Sides,
     known: Option<&KnownStructure>,
-    one: Alone,
+    one: &Alone,
     blocks: &BothBlocks,
 ) -> Result<Option<Refitted>, Error> {
     let refitted = |fitted: Fitted| -> Result<Option<Refitted>, Error> {
@@ -186,7 +187,7 @@ fn jointly(
     };
     match together {
         Some(found) => Ok(Some(found)),
-        None => refitted(one.fitted),
+        None => refitted(one.fitted.clone()),
     }
 }
 

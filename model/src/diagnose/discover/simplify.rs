@@ -21,8 +21,8 @@ use crate::diagnose::joint::Fitted;
 use crate::diagnose::rows::dot;
 use crate::effect::term::{Form, Term};
 use crate::error::Error;
+use crate::parallel;
 use crate::statistics::range;
-use rayon::prelude::*;
 
 /// Evaluations of the refit with another form.
 const REFIT: usize = 30;
@@ -97,8 +97,9 @@ fn simpler(search: &Search, fitted: &Fitted, index: usize, changed: bool) -> Res
         let share = if fewer { 1.0 - thresholds.form_alike } else { 1.0 };
         share * (without.sum() - own.sum()).max(0.0)
     };
-    let refits = candidates.into_par_iter().map(|candidate| Ok((candidate, refit(Some(candidate))?)));
-    let refits: Vec<(Term, Option<(Fitted, SquaredErrors)>)> = refits.collect::<Result<_, Error>>()?;
+    let refits = parallel::map(&candidates, |candidate| Ok((*candidate, refit(Some(*candidate))?)));
+    let refits: Vec<(Term, Option<(Fitted, SquaredErrors)>)> =
+        refits.into_iter().collect::<Result<_, Error>>()?;
     let taken = refits.into_iter().filter_map(|(candidate, refit)| {
         let (fitted, errors) = refit?;
         let gain = without.sum() - errors.sum();

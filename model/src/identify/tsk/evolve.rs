@@ -9,9 +9,9 @@ use super::genetic;
 use super::sums::{Rows, Sums};
 use super::{Data, Progress, Watch};
 use crate::error::Error;
+use crate::parallel;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 
 /// How children are bred and selected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -106,7 +106,8 @@ pub(super) fn search(
         };
         cost(&parameters).map(|cost| (parameters, cost))
     };
-    let mut population: Vec<Individual> = (0..size).into_par_iter().map(first).collect::<Option<_>>()?;
+    let mut population: Vec<Individual> =
+        parallel::map_indices(size, first).into_iter().collect::<Option<_>>()?;
     for generation in 1..=settings.generations {
         let child = |index: usize| {
             let mut random = stream(settings.seed, generation, index);
@@ -120,7 +121,7 @@ pub(super) fn search(
                 _ => (child, child_cost),
             })
         };
-        let mut next = (0..size).into_par_iter().map(child).collect::<Option<Vec<_>>>()?;
+        let mut next = parallel::map_indices(size, child).into_iter().collect::<Option<Vec<_>>>()?;
         if settings.algorithm == Algorithm::Genetic {
             genetic::keep_best(&mut next, best(&population));
         }

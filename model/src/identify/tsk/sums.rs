@@ -17,8 +17,8 @@ use super::premises::Link;
 use crate::force::tsk::Firing;
 use crate::force::{MAX_INPUTS, MAX_SETS, TskInput};
 use crate::lanes::widest;
+use crate::parallel;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -122,7 +122,11 @@ impl Sums<'_> {
         let one = |(run, range): &(usize, Range<usize>)| {
             (!self.cancel.load(Ordering::Relaxed)).then(|| one(*run, range.clone()))
         };
-        if self.parallel { work.par_iter().map(one).collect() } else { work.iter().map(one).collect() }
+        if self.parallel {
+            parallel::map(&work, one).into_iter().collect()
+        } else {
+            work.iter().map(one).collect()
+        }
     }
 
     /// Sums for the conclusions; `None` if cancelled.
