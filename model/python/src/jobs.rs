@@ -63,11 +63,17 @@ pub(crate) fn identify(
         let words: Vec<String> = words.into_iter().chain(["--out=-".into(), "-".into()]).collect();
         let args: identifying::Args = parse(&words)?;
         let spec = identifying::spec(&args)?;
-        let hashes: Vec<String> = runs.iter().map(|run| run.sha256_hex()).collect();
-        let runs: Vec<Recorded> = runs.iter().map(|run| run.run.clone()).collect();
-        let held_out = || Ok(held_out.iter().map(|run| run.run.clone()).collect());
-        let (found, held_out) =
-            identifying::Identification::of(spec, (&runs, &hashes), held_out, &args, context)?;
+        let hashed = |runs: &[Arc<Loaded>]| -> (Vec<Recorded>, Vec<String>) {
+            runs.iter().map(|run| (run.run.clone(), run.sha256_hex())).unzip()
+        };
+        let ((runs, hashes), (held_out, held_out_hashes)) = (hashed(&runs), hashed(&held_out));
+        let found = identifying::Identification::of(
+            spec,
+            (&runs, &hashes),
+            (&held_out, &held_out_hashes),
+            &args,
+            context,
+        )?;
         Ok(Identification { found, runs, held_out })
     })
 }

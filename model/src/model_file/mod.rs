@@ -103,7 +103,7 @@ pub struct Provenance {
     /// ([`crate::identify::WithoutPrior`]).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub weak_prior: bool,
-    /// Runs that the model was trained on.
+    /// Runs that the model was made with: training runs, and those with another [`Role`].
     pub runs: Vec<TrainingRun>,
     /// Simulation error on the training runs, without the offset of each run.
     pub training_free_run: Option<Fit>,
@@ -135,8 +135,8 @@ pub struct TrainingRun {
     pub role: Option<Role>,
 }
 
-/// Role of a run in a diagnosis (see [`crate::diagnose`]). Files keep the words of the command-line flags
-/// `--estimate`, `--confirm` and `--test`.
+/// Role of a run in a diagnosis (see [`crate::diagnose`]) or beside an identification. Files keep the words of the command-line flags
+/// `--estimate`, `--confirm`, `--test` and `--validate`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
@@ -148,6 +148,9 @@ pub enum Role {
     Confirm,
     /// Test run: read once, at the end.
     Test,
+    /// Validation run of an identification (`identify --validate`): the model's expected error and its band are from it. Also a run of
+    /// `evaluate --calibrate`, for the band alone.
+    Validate,
     /// Healthy reference run of the same excitation.
     Reference,
     /// One of several runs of one excitation, for the noise floor.

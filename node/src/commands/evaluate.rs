@@ -3,6 +3,7 @@
 mod relation;
 
 use crate::commands::context::CliContext;
+use crate::commands::identify::validation_run;
 use crate::commands::output;
 use crate::commands::run_args::RunArgs;
 use crate::commands::targets::{self, Target};
@@ -60,7 +61,7 @@ pub struct Report<'a> {
     schema: &'static str,
     model: &'a str,
     runs: Vec<EvaluatedRun>,
-    /// Over the runs that the model does not depend on, if there are at least two.
+    /// Over the runs that neither the model nor its band depends on, if there are at least two.
     #[serde(skip_serializing_if = "Option::is_none")]
     other_runs: Option<Totals>,
 }
@@ -94,7 +95,7 @@ impl EvaluatedRun {
         Ok(Self { figures: figures(name, file.model, &loaded.run)?, used_as })
     }
 
-    /// True if the model depends on the run. Test runs were only read.
+    /// True if the model or its band depends on the run. Test runs were only read.
     fn is_fitted(&self) -> bool {
         self.used_as.is_some_and(|role| role != Role::Test)
     }
@@ -154,6 +155,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let mut file = models::load_whole(&args.model)?;
     let mut calibrator = Calibrator::new(file.model);
     let (mut reports, mut calibrated_on) = (Vec::with_capacity(args.runs.len()), HashSet::new());
+    let mut calibration = Vec::new();
     for path in &args.runs {
         if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
@@ -165,6 +167,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         if args.calibrate.is_some() {
             check_for_calibration(path, used_as, loaded.sha256, &mut calibrated_on)?;
             calibrator.add(&loaded.run)?;
+            calibration.extend(used_as.is_none().then(|| validation_run(&loaded.run, loaded.sha256_hex())));
         }
     }
     let report = Report::of(&args.model, reports);
@@ -174,6 +177,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     if let Some(out) = &args.calibrate {
         file.model.expected.uncertainty = Some(calibrator.finish()?);
+        file.provenance.runs.extend(calibration);
         write_text(out, &file.to_toml()?)?;
         tracing::info!(model = %out.display(), runs = args.runs.len(), "calibrated");
     }
@@ -209,6 +213,7 @@ fn table(report: &Report<'_>, units: Units) -> String {
         let mark = match used_as {
             Some(Role::Base | Role::Estimate) => " (a training run of the model)",
             Some(Role::Test) => " (a test run of the model)",
+            Some(Role::Validate) => " (a validation run of the model)",
             Some(_) => " (used when the model was made)",
             None => "",
         };

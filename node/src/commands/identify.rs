@@ -26,7 +26,7 @@ use mr_damper_model::identify::{
 };
 use mr_damper_model::inverse::InverseKind;
 use mr_damper_model::model::{Envelope, Model};
-use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
+use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
 use mr_damper_model::pipeline::{Models, Pipeline, Plausible, Settings};
 use mr_damper_model::sample::{DriveKind, Run};
 use mr_damper_model::statistics::bootstrap::resampled_runs;
@@ -169,8 +169,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         runs.push(loaded.run);
         hashes.push(hash);
     }
-    let held_out = runs.split_off(args.runs.len());
-    let (found, held_out) = Identification::of(spec, (&runs, &hashes), || Ok(held_out), args, context)?;
+    let (held_out, held_out_hashes) = (runs.split_off(args.runs.len()), hashes.split_off(args.runs.len()));
+    let found = Identification::of(spec, (&runs, &hashes), (&held_out, &held_out_hashes), args, context)?;
     let model = &found.file.model;
     for doubt in doubtful_units(&model.envelope) {
         tracing::warn!("{doubt}");
@@ -254,31 +254,32 @@ pub struct Identification {
 }
 
 impl Identification {
-    /// Identifies `spec` with the options of `args` from `runs` (each with the SHA-256 of its source), and scores it on the runs of
-    /// `held_out`, which are read after the fit and returned. The paths in `args` are not used.
+    /// Identifies `spec` with the options of `args` from `runs` (each with the SHA-256 of its source), and scores it on the runs `held_out`.
+    /// The paths in `args` are not used.
     ///
     /// # Errors
-    /// When the model cannot be identified from the runs, or the errors of `held_out`; [`NodeError::Interrupted`].
+    /// When the model cannot be identified from the runs, or cannot be scored on those held out; [`NodeError::Interrupted`].
     pub fn of(
         spec: ModelSpec,
         (runs, hashes): (&[Run], &[String]),
-        held_out: impl FnOnce() -> Result<Vec<Run>, NodeError>,
+        (held_out, held_out_hashes): (&[Run], &[String]),
         args: &Args,
         context: &CliContext,
-    ) -> Result<(Self, Vec<Run>), NodeError> {
+    ) -> Result<Self, NodeError> {
         let start = Instant::now();
         let mut found = fit(spec, runs, args, context)?;
         let seconds = start.elapsed().as_secs_f64();
         let mut inverse = fit_inverse(&mut found, runs, args, context)?;
-        let held_out = held_out()?;
-        let validation = validate(&mut found, &held_out, context)?;
+        let validation = validate(&mut found, held_out, context)?;
         if let Some((report, model)) = inverse.as_mut().zip(found.model.inverse) {
-            report.validation = score_inverse(&model, &found.model, &held_out, &args.conditioning.dataset())?;
+            report.validation = score_inverse(&model, &found.model, held_out, &args.conditioning.dataset())?;
         }
-        let provenance = provenance(args, &found, hashes, validation);
+        let mut provenance = provenance(args, &found, hashes, validation);
+        let scored = held_out.iter().zip(held_out_hashes);
+        provenance.runs.extend(scored.map(|(run, sha256)| validation_run(run, sha256.clone())));
         let file = ModelFile { model: found.model, provenance };
         let (restarts, seed) = (args.restarts, args.seed);
-        Ok((Self { file, spec, found, inverse, validation, seconds, restarts, seed }, held_out))
+        Ok(Self { file, spec, found, inverse, validation, seconds, restarts, seed })
     }
 
     /// The figures, for JSON.
@@ -479,6 +480,17 @@ fn validate(
     let scored = all.finish();
     expect(&mut found.model.expected, &scored);
     Ok(Some(Scores { free_run: scored.free_run, one_step: scored.one_step, persistence: scored.persistence }))
+}
+
+/// A row of the model file for a run that a model is scored or calibrated on.
+pub(super) fn validation_run(run: &Run, sha256: String) -> TrainingRun {
+    TrainingRun {
+        name: run.name.clone(),
+        sha256,
+        samples: run.displacement_m.len() as u64,
+        role: Some(Role::Validate),
+        ..TrainingRun::default()
+    }
 }
 
 fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Option<Scores>) -> Provenance {

@@ -41,6 +41,8 @@ fn a_band_is_calibrated_on_held_out_runs() {
         // The coverage of a single six-second run varies widely, so only a broad range is checked.
         assert!(share.is_some_and(|share| (0.75..0.99).contains(&share)), "{band}");
         assert!(samples.is_some_and(|samples| samples > 2500), "{band}");
+        let used = &json(&["evaluate", model, &runs[1], &runs[5], "--json", "-"])["runs"];
+        assert_eq!((&used[0]["used_as"], used[1].get("used_as")), (&"validate".into(), None), "{used}");
     }
     let output = Command::new(env!("CARGO_BIN_EXE_mr-damper"))
         .args(["evaluate", &bare, &runs[1], "--calibrate", &at("none.toml")])
@@ -177,8 +179,8 @@ fn a_model_is_identified_reported_and_evaluated_with_the_same_figures() {
         assert_eq!(figure, &evaluated["runs"][0][predictor], "{name}");
         let both = json(&["evaluate", &model, &fitted, &held_out, "--json"]);
         assert_eq!(both["runs"][0]["used_as"], "estimate", "{name}: {both:#}");
-        assert_eq!(both["runs"][1]["used_as"], serde_json::Value::Null, "{name}: {both:#}");
-        assert_eq!(both["other_runs"], serde_json::Value::Null, "one run is no total: {both:#}");
+        assert_eq!(both["runs"][1]["used_as"], "validate", "{name}: {both:#}");
+        assert_eq!(both["other_runs"], serde_json::Value::Null, "no run is another one: {both:#}");
 
         let page = std::fs::read_to_string(report).expect("a report");
         for word in ["fitted.csv", "held_out.csv", "held out of the fit", "persistence", "<svg"] {

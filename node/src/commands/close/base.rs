@@ -108,7 +108,9 @@ impl Base {
         }
         let (model, runs) = if path.exists() {
             let file = models::load_file(path)?;
-            (file.model, file.provenance.runs)
+            // The coefficients do not depend on the runs that its band was calibrated on.
+            let made_with = file.provenance.runs.into_iter().filter(|run| run.role != Some(Role::Validate));
+            (file.model, made_with.collect())
         } else {
             (models::load(&args.base)?, Vec::new())
         };

@@ -24,6 +24,7 @@ const fn flag(role: Role) -> &'static str {
         Role::Estimate => "--estimate",
         Role::Confirm => "--confirm",
         Role::Test => "--test",
+        Role::Validate => "--validate",
         Role::Reference => "--reference",
         Role::Replicate => "--replicates",
         Role::Healthy => "--healthy",

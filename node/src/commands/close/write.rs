@@ -132,6 +132,7 @@ const fn role_in_words(role: Role) -> &'static str {
         Role::Estimate => "training run",
         Role::Confirm => "validation run",
         Role::Test => "test run",
+        Role::Validate => "validation run of the base",
         Role::Reference => "reference run",
         Role::Replicate => "replicate",
         Role::Healthy => "healthy run",
