@@ -1,6 +1,6 @@
 //! Hypotheses about the cause of a term.
 
-use super::FoundTerm;
+use super::{Claim, FoundTerm};
 use crate::effect::term::{Argument, Form, Modulator};
 
 /// A possible cause of a term. It is a hypothesis: the data show the term, not its cause.
@@ -18,7 +18,10 @@ impl FoundTerm {
     pub fn hypotheses(&self) -> Vec<Hypothesis> {
         let (modulator, argument, form) = self.term.kind();
         let fits = |(test, _): &&(Test, Hypothesis)| test(modulator, argument, form);
-        HYPOTHESES.iter().filter(fits).map(|(_, hypothesis)| *hypothesis).collect()
+        let causes = HYPOTHESES.iter().filter(fits).map(|(_, hypothesis)| *hypothesis);
+        let may_be_base = !matches!(self.claim, Claim::Effect { .. });
+        let of_base = may_be_base && argument == Argument::Drive && modulator != Modulator::ForcePerDrive;
+        of_base.then_some(COARSE_BASE).into_iter().chain(causes).collect()
     }
 }
 
@@ -38,6 +41,12 @@ fn scales_force(modulator: Modulator) -> bool {
             | Modulator::DriveSignVelocity
     )
 }
+
+/// Cause of a term over the drive, unless a healthy run has shown that it is an effect.
+const COARSE_BASE: Hypothesis = hypothesis(
+    "no fault: the base follows the drive too coarsely, by its fuzzy sets or its polynomial",
+    "the same runs with a base of more fuzzy sets (`mr-damper identify --sets`)",
+);
 
 /// Causes by what a term depends on. A term may have several.
 const HYPOTHESES: &[(Test, Hypothesis)] = &[
@@ -128,13 +137,6 @@ const HYPOTHESES: &[(Test, Hypothesis)] = &[
         hypothesis(
             "the driver saturates or has an offset or a dead zone",
             "the current at the coil, measured by another sensor",
-        ),
-    ),
-    (
-        |m, q, _| m != Modulator::ForcePerDrive && q == Argument::Drive,
-        hypothesis(
-            "no fault: the base follows the drive too coarsely, by its fuzzy sets or its polynomial",
-            "the same runs with a base of more fuzzy sets (`mr-damper identify --sets`)",
         ),
     ),
     (
