@@ -22,7 +22,6 @@ use crate::effect::Augmented;
 use crate::error::Error;
 use crate::identify::least_squares::{Normal, Problem, Stop, minimise};
 use crate::identify::{Scales, Watch};
-use crate::parallel;
 use nalgebra::DVector;
 use std::sync::{Mutex, PoisonError};
 
@@ -179,10 +178,10 @@ impl Simulated<'_, '_> {
             missed.iter_mut().zip(column).for_each(|(missed, c)| *missed -= c * moved * step);
         }
         if length > 0.0 {
-            best.columns = parallel::map_indices(best.columns.len(), |j| {
-                let share = moved[j] / (steps[j] * length);
-                best.columns[j].iter().zip(&missed).map(|(c, missed)| c + share * missed).collect()
-            });
+            for ((column, moved), step) in best.columns.iter_mut().zip(&moved).zip(&steps) {
+                let share = moved / (step * length);
+                column.iter_mut().zip(&missed).for_each(|(c, missed)| *c += share * missed);
+            }
         }
         Some((best.columns, best.updates + 1))
     }

@@ -41,7 +41,7 @@ use crate::error::{Error, ModelFileError};
 use crate::force::{ArxShape, ForceLaw, ForceModel, NetworkStructure, TskKind};
 use crate::metrics::Fit;
 use crate::model::{Envelope, Expected, Model};
-use crate::sample::DriveKind;
+use crate::sample::{DriveKind, Run};
 use serde::{Deserialize, Serialize};
 
 /// The value of `schema` in files that this version reads and writes.
@@ -133,6 +133,15 @@ pub struct TrainingRun {
     /// Role of the run in the diagnosis that produced the model; absent for an ordinary training run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub role: Option<Role>,
+}
+
+impl TrainingRun {
+    /// A run with this role that no offset was identified for. Its hash is empty.
+    #[must_use]
+    pub fn of(run: &Run, role: Role) -> Self {
+        let samples = run.displacement_m.len() as u64;
+        Self { name: run.name.clone(), samples, role: Some(role), ..Self::default() }
+    }
 }
 
 /// Role of a run in a diagnosis (see [`crate::diagnose`]) or beside an identification. Files keep the words of the command-line flags

@@ -3,7 +3,6 @@
 mod relation;
 
 use crate::commands::context::CliContext;
-use crate::commands::identify::validation_run;
 use crate::commands::output;
 use crate::commands::run_args::RunArgs;
 use crate::commands::targets::{self, Target};
@@ -13,7 +12,7 @@ use crate::settings::error::NodeError;
 use mr_damper_base::shown;
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::metrics::Fit;
-use mr_damper_model::model_file::{ModelFile, Provenance, Role};
+use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
 use mr_damper_reports::evaluate::{RunReport, figures};
 use mr_damper_runs::{Loaded, write_text};
 use serde::Serialize;
@@ -167,7 +166,10 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         if args.calibrate.is_some() {
             check_for_calibration(path, used_as, loaded.sha256, &mut calibrated_on)?;
             calibrator.add(&loaded.run)?;
-            calibration.extend(used_as.is_none().then(|| validation_run(&loaded.run, loaded.sha256_hex())));
+            if used_as.is_none() {
+                let run = TrainingRun::of(&loaded.run, Role::Validate);
+                calibration.push(TrainingRun { sha256: loaded.sha256_hex(), ..run });
+            }
         }
     }
     let report = Report::of(&args.model, reports);

@@ -275,8 +275,10 @@ impl Identification {
             report.validation = score_inverse(&model, &found.model, held_out, &args.conditioning.dataset())?;
         }
         let mut provenance = provenance(args, &found, hashes, validation);
-        let scored = held_out.iter().zip(held_out_hashes);
-        provenance.runs.extend(scored.map(|(run, sha256)| validation_run(run, sha256.clone())));
+        provenance.runs.extend(held_out.iter().zip(held_out_hashes).map(|(run, sha256)| TrainingRun {
+            sha256: sha256.clone(),
+            ..TrainingRun::of(run, Role::Validate)
+        }));
         let file = ModelFile { model: found.model, provenance };
         let (restarts, seed) = (args.restarts, args.seed);
         Ok(Self { file, spec, found, inverse, validation, seconds, restarts, seed })
@@ -480,17 +482,6 @@ fn validate(
     let scored = all.finish();
     expect(&mut found.model.expected, &scored);
     Ok(Some(Scores { free_run: scored.free_run, one_step: scored.one_step, persistence: scored.persistence }))
-}
-
-/// A row of the model file for a run that a model is scored or calibrated on.
-pub(super) fn validation_run(run: &Run, sha256: String) -> TrainingRun {
-    TrainingRun {
-        name: run.name.clone(),
-        sha256,
-        samples: run.displacement_m.len() as u64,
-        role: Some(Role::Validate),
-        ..TrainingRun::default()
-    }
 }
 
 fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Option<Scores>) -> Provenance {

@@ -155,15 +155,7 @@ impl Fitting {
         }
         let scored = evaluator.finish();
         expect(&mut found.model.expected, &scored);
-        let row = |role: Role| {
-            move |run: &Run| TrainingRun {
-                name: run.name.clone(),
-                sha256: String::new(),
-                samples: run.displacement_m.len() as u64,
-                force_offset_n: 0.0,
-                role: Some(role),
-            }
-        };
+        let row = |role: Role| move |run: &Run| TrainingRun::of(run, role);
         let provenance = Provenance {
             tool: TOOL.to_owned(),
             date: date(),
