@@ -60,7 +60,7 @@ use crate::identify::{Dataset, Scales, Watch};
 use claim::Healthy;
 use nuisance::Sides;
 use screen::Pair;
-use settle::Settled;
+use settle::{Settled, Unsettled};
 
 /// Rate of the rows in the search, Hz. They are selected, not filtered.
 const RATE_HZ: f64 = 128.0;
@@ -404,7 +404,9 @@ impl<'a> Search<'a> {
                     beyond.push(beyond_structure);
                     *fitted = next;
                 }
-                Err(refused) => {
+                // What the next pass finds must reach the goal beyond the space of structures, too.
+                Err(Unsettled::FarFromGoal) => break,
+                Err(Unsettled::Refused(refused)) => {
                     discovery.refused = refused;
                     passes.next();
                     screened = Some(here);

@@ -59,8 +59,15 @@ struct Refitted {
     gains: Vec<f64>,
 }
 
-/// The best term, or the one that came closest with the reason why it was not accepted. Gives up if the best term leaves a squared error on the
-/// validation runs that is far from `goal`, N².
+/// Why no term was accepted.
+pub(super) enum Unsettled {
+    /// The best term leaves a squared error on the validation runs that is far from the goal.
+    FarFromGoal,
+    /// The term that came closest was refused; `None` if no term helped.
+    Refused(Option<RefusedTerm>),
+}
+
+/// The best of `pairs` as a term. `goal` is a squared error on the validation runs that the model must come near with it, N².
 pub(super) fn settle(
     search: &Search,
     current: &Fitted,
@@ -69,7 +76,7 @@ pub(super) fn settle(
     pairs: &[&Pair],
     blocks: &BothBlocks,
     goal: Option<f64>,
-) -> Result<Result<Settled, Option<RefusedTerm>>, Error> {
+) -> Result<Result<Settled, Unsettled>, Error> {
     let thresholds = &search.settings.thresholds;
     let mut chosen: Vec<&Pair> = pairs.iter().copied().take(BY_SCORE).collect();
     let mut by_training: Vec<&Pair> = pairs.iter().copied().skip(BY_SCORE).collect();
@@ -88,7 +95,7 @@ pub(super) fn settle(
     // The base was fitted while the effect was there, which has bent it, so the rivals of the best are fitted with it.
     let least = refits.first().map_or(0.0, |best| best.squares);
     if goal.is_some_and(|goal| least > thresholds.term_far * goal) {
-        return Ok(Err(None));
+        return Ok(Err(Unsettled::FarFromGoal));
     }
     refits.truncate(
         refits.partition_point(|one| one.squares <= thresholds.term_rival * least).min(MOST_RIVALS),
@@ -102,11 +109,12 @@ pub(super) fn settle(
         one.raw_squares < (1.0 - thresholds.term_least_raw_share) * sides.confirm.raw_squares()
     });
     refits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
-    let Some(least) = refits.first().map(|best| best.squares) else { return Ok(Err(None)) };
+    let none = Ok(Err(Unsettled::Refused(None)));
+    let Some(least) = refits.first().map(|best| best.squares) else { return none };
     refits.truncate(refits.partition_point(|one| one.squares <= (1.0 + thresholds.term_alike) * least));
     refits.sort_by_key(|one| simplicity(&one.term));
     let others = refits.split_off(1);
-    let Some(best) = refits.pop() else { return Ok(Err(None)) };
+    let Some(best) = refits.pop() else { return none };
     let before = sides.confirm.squares();
     let share = 1.0 - best.squares / before;
     let rivals: Vec<&[f64]> =
@@ -122,7 +130,7 @@ pub(super) fn settle(
         None
     };
     if let Some(why) = refused {
-        return Ok(Err(Some(RefusedTerm { term: best.term, why })));
+        return Ok(Err(Unsettled::Refused(Some(RefusedTerm { term: best.term, why }))));
     }
     let kind = |term: &Term| (term.kind().0, term.kind().1);
     let mut class: Vec<(Modulator, Argument)> = Vec::new();
