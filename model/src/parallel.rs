@@ -12,6 +12,14 @@ pub(crate) fn map<T: Sync, R: Send>(items: &[T], of: impl Fn(&T) -> R + Sync) ->
     map_indices(items.len(), |index| of(&items[index]))
 }
 
+/// `of` each of `items`, which it consumes, in their order.
+pub(crate) fn map_owned<T: Send, R: Send>(items: Vec<T>, of: impl Fn(T) -> R + Sync) -> Vec<R> {
+    let items: Vec<Mutex<Option<T>>> = items.into_iter().map(|item| Mutex::new(Some(item))).collect();
+    // No thread panics while it holds a lock.
+    let take = |index: usize| items[index].lock().unwrap_or_else(PoisonError::into_inner).take();
+    map_indices(items.len(), |index| take(index).map(&of)).into_iter().flatten().collect()
+}
+
 /// `of` each index below `count`, in order.
 pub(crate) fn map_indices<R: Send>(count: usize, of: impl Fn(usize) -> R + Sync) -> Vec<R> {
     let results: Vec<Mutex<Option<R>>> = (0..count).map(|_| Mutex::new(None)).collect();
@@ -45,6 +53,7 @@ mod tests {
             let squares = pool.install(|| map(&items, |item| item * item));
             assert!(squares.iter().zip(&items).all(|(square, item)| *square == item * item));
             assert_eq!(squares.len(), items.len());
+            assert_eq!(pool.install(|| map_owned(items.clone(), |item| item * item)), squares);
         }
         assert!(map_indices(0, |index| index).is_empty());
     }

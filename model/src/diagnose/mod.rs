@@ -169,10 +169,10 @@ impl Settings {
 /// Stages of a diagnosis, reported to the caller as progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
-    /// A structure of the base is identified, if it was not given; its name.
+    /// A structure of the base is identified, if it was not given; its name. All structures are identified at the same time.
     Structure(&'static str),
-    /// The next round with this structure begins.
-    Search(&'static str),
+    /// This round begins with all structures.
+    Search(usize),
     /// The base is refitted on the training runs.
     Base,
     /// The scores of this round are computed.

@@ -15,7 +15,7 @@
 //! Noise in the velocity favours structures with memory, which filter it. A simpler structure that fits worse for that reason may still be
 //! the damper's.
 //!
-//! The structures are searched side by side, a round each. A structure that another one surpasses by far, although that one had a round
+//! The structures are identified in parallel, and searched in parallel for one effect each, round by round. A structure that another one surpasses by far, although that one had a round
 //! less, is not searched further. One round less is what a structure with memory is ahead of one without: it may contain one effect of the
 //! library by itself. Structures that are far behind after the rounds cannot be chosen, and their effects are not checked against each
 //! other, which costs more than the rounds.
@@ -36,6 +36,7 @@ use crate::error::{DiagnosisError, Error, IdentifyError};
 use crate::force::{ForceLaw, Form};
 use crate::identify::{ModelSpec, Options, Structure, Watch, identify_datasets};
 use crate::model::Model;
+use crate::parallel;
 
 /// Restarts for a force law, whose parameters are polynomials of the drive; each costs several times one of fuzzy-tanh. With 4, the fit of
 /// the Bouc-Wen law ends at a local minimum in 2 of 4 cases.
@@ -150,29 +151,23 @@ pub fn close_any(
         return Err(DiagnosisError::BaseNeeded.into());
     }
     check::check_before_base(runs, settings)?;
+    bases.given.map_or(Ok(()), |base| check::check(base, runs, settings))?;
     let stretches = Stretches::new(runs, settings.most_samples);
     let searched_runs = stretches.runs();
     let confirm = Rows::new(searched_runs.confirm, settings.most_rows);
-    let choice =
-        Choice { options: bases.options, all: runs, runs: &searched_runs, settings, confirm, watch, stage };
-    let mut searched: ByStructure<Candidate> = Vec::new();
+    let choice = Choice { options: bases.options, all: runs, runs: &searched_runs, settings, confirm, watch };
     let given = bases.given.map(|base| base.force.name());
-    if let Some(base) = bases.given {
-        let name = base.force.name();
-        stage(Stage::Structure(name));
-        searched.push((name, Ok(choice.candidate(*base, 0)?)));
+    let others = bases.structures.iter().filter(|spec| Some(spec.structure().name()) != given);
+    let starts: Vec<Start> =
+        bases.given.into_iter().map(Start::Given).chain(others.copied().map(Start::Structure)).collect();
+    starts.iter().for_each(|start| stage(Stage::Structure(start.name())));
+    let begun = in_parallel(starts, |start| (start.name(), choice.begun(start)))?;
+    if given.is_some()
+        && let Some((_, Err(error))) = begun.first()
+    {
+        return Err(error.clone());
     }
-    for spec in bases.structures.iter().filter(|spec| Some(spec.structure().name()) != given) {
-        let name = spec.structure().name();
-        stage(Stage::Structure(name));
-        let one = choice.begun(*spec);
-        if matches!(one, Err(Error::Cancelled)) {
-            return Err(Error::Cancelled);
-        }
-        searched.push((name, one));
-    }
-    choice.search(&mut searched)?;
-    let tried = choice.diagnosed(searched)?;
+    let tried = choice.diagnosed(choice.searched(begun, stage)?, stage)?;
     let usable: Vec<(&'static str, &Diagnosed)> =
         tried.iter().filter_map(|(name, one)| Some((*name, one.as_ref().ok()?))).collect();
     let best = usable.iter().min_by(|(_, a), (_, b)| a.confirm.squares.total_cmp(&b.confirm.squares));
@@ -197,7 +192,7 @@ pub fn close_any(
         given: given.is_some() && index == 0,
         outcome: one.as_ref().map(row).map_err(Clone::clone),
     });
-    let found = DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, &others)? };
+    let found = DiagnosisResult { structures: rows.collect(), ..choice.holding(chosen, &others, stage)? };
     completed(found, &stretches, runs, settings, watch, stage)
 }
 
@@ -211,7 +206,34 @@ struct Choice<'a> {
     settings: &'a Settings,
     confirm: Rows<'a>,
     watch: &'a Watch<'a>,
-    stage: &'a dyn Fn(Stage),
+}
+
+/// A structure before it is identified, or the given base.
+#[derive(Clone, Copy)]
+enum Start<'a> {
+    Given(&'a Model),
+    Structure(ModelSpec),
+}
+
+impl Start<'_> {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Given(base) => base.force.name(),
+            Self::Structure(spec) => spec.structure().name(),
+        }
+    }
+}
+
+/// `of` each of `items` in parallel; [`Error::Cancelled`] if one of them was cancelled.
+fn in_parallel<T: Send, R: Send>(
+    items: Vec<T>,
+    of: impl Fn(T) -> (&'static str, Result<R, Error>) + Sync,
+) -> Result<ByStructure<R>, Error> {
+    let all = parallel::map_owned(items, of);
+    match all.iter().any(|(_, one)| matches!(one, Err(Error::Cancelled))) {
+        true => Err(Error::Cancelled),
+        false => Ok(all),
+    }
 }
 
 /// A structure, identified on the training runs; if these hold one level of the drive, without the drive.
@@ -226,8 +248,12 @@ fn identified(spec: ModelSpec, runs: &Runs, options: &Options, watch: &Watch) ->
 }
 
 impl Choice<'_> {
-    /// Identifies a structure on the training runs.
-    fn begun(&self, spec: ModelSpec) -> Result<Candidate, Error> {
+    /// Identifies a structure on the training runs, if it is not given, and fits it.
+    fn begun(&self, start: Start) -> Result<Candidate, Error> {
+        let spec = match start {
+            Start::Given(base) => return self.candidate(*base, 0),
+            Start::Structure(spec) => spec,
+        };
         match spec.structure() {
             Structure::Law(_) => {
                 let restarts = self.options.restarts.min(LAW_RESTARTS);
@@ -242,45 +268,48 @@ impl Choice<'_> {
 
     fn candidate(&self, base: Model, restarts: u32) -> Result<Candidate, Error> {
         check::check(&base, self.all, self.settings)?;
-        let searched = self.procedure(&base, self.settings)?.begin(self.stage)?;
+        let searched = self.procedure(&base, self.settings)?.begin(&|_| {})?;
         let confirm = test_runs::fitted(&self.confirm, searched.model())?;
         Ok(Candidate { base, restarts, searched, confirm })
     }
 
-    /// Searches the structures for effects, a round each in turn.
-    fn search(&self, searched: &mut ByStructure<Candidate>) -> Result<(), Error> {
+    /// Searches the structures for effects, round by round.
+    fn searched(
+        &self,
+        mut all: ByStructure<Candidate>,
+        stage: &dyn Fn(Stage),
+    ) -> Result<ByStructure<Candidate>, Error> {
         // The least error a round earlier; before the first round no structure is surpassed.
         let mut earlier = f64::INFINITY;
-        for _ in 0..self.settings.most_effects {
-            let usable = || searched.iter().filter_map(|(_, one)| one.as_ref().ok());
-            let least = usable().map(|one| one.confirm.squares).fold(f64::INFINITY, f64::min);
-            for (name, one) in searched.iter_mut() {
-                let Ok(candidate) = one else { continue };
-                if candidate.searched.is_complete()
-                    || earlier < self.settings.thresholds.surpassed * candidate.confirm.squares
-                {
-                    continue;
-                }
-                (self.stage)(Stage::Search(name));
-                match self.next_round(candidate) {
-                    Ok(()) => {}
-                    Err(Error::Cancelled) => return Err(Error::Cancelled),
-                    Err(error) => *one = Err(error),
-                }
-            }
+        for round in 1..=self.settings.most_effects {
+            stage(Stage::Search(round));
+            let usable = all.iter().filter_map(|(_, one)| one.as_ref().ok());
+            let least = usable.map(|one| one.confirm.squares).fold(f64::INFINITY, f64::min);
+            let next = |one: Candidate| match one.searched.is_complete()
+                || earlier < self.settings.thresholds.surpassed * one.confirm.squares
+            {
+                true => Ok(one),
+                false => self.next_round(one),
+            };
+            all = in_parallel(all, |(name, one)| (name, one.and_then(next)))?;
             earlier = least;
         }
-        Ok(())
+        Ok(all)
     }
 
-    fn next_round(&self, one: &mut Candidate) -> Result<(), Error> {
-        self.procedure(&one.base, self.settings)?.next_round(&mut one.searched, self.stage)?;
+    fn next_round(&self, mut one: Candidate) -> Result<Candidate, Error> {
+        self.procedure(&one.base, self.settings)?.next_round(&mut one.searched, &|_| {})?;
         one.confirm = test_runs::fitted(&self.confirm, one.searched.model())?;
-        Ok(())
+        Ok(one)
     }
 
     /// Completes the diagnosis of each structure. The effects of a structure that is far behind are not checked against each other.
-    fn diagnosed(&self, searched: ByStructure<Candidate>) -> Result<ByStructure<Diagnosed>, Error> {
+    fn diagnosed(
+        &self,
+        searched: ByStructure<Candidate>,
+        stage: &dyn Fn(Stage),
+    ) -> Result<ByStructure<Diagnosed>, Error> {
+        stage(Stage::Pruning);
         let squares = |one: &Candidate| one.confirm.squares;
         let least = searched
             .iter()
@@ -290,22 +319,15 @@ impl Choice<'_> {
         let complete = |one: Candidate| {
             let procedure = self.procedure(&one.base, self.settings)?;
             let found = if self.keeps_up(&one.confirm, least) {
-                procedure.check(one.searched, self.stage)?
+                procedure.check(one.searched, &|_| {})?
             } else {
                 one.searched
             };
-            let result = procedure.finish(found, self.stage)?;
+            let result = procedure.finish(found, &|_| {})?;
             let confirm = test_runs::fitted(&self.confirm, &result.after.augmented())?;
             Ok(Diagnosed { base: one.base, restarts: one.restarts, result, confirm })
         };
-        let mut all = Vec::new();
-        for (name, one) in searched {
-            match one.and_then(complete) {
-                Err(Error::Cancelled) => return Err(Error::Cancelled),
-                one => all.push((name, one)),
-            }
-        }
-        Ok(all)
+        in_parallel(searched, |(name, one)| (name, one.and_then(complete)))
     }
 
     /// A force law with the degree that has the least squared error on the validation runs.
@@ -349,6 +371,7 @@ impl Choice<'_> {
         &self,
         chosen: &Diagnosed,
         others: &[(&'static str, &Diagnosed)],
+        stage: &dyn Fn(Stage),
     ) -> Result<DiagnosisResult, Error> {
         let (mut result, mut dependent) = (chosen.result.clone(), Vec::<RefusedEffect>::new());
         // Without an effect that depends on the base, others may be found, which are checked in turn.
@@ -367,7 +390,7 @@ impl Choice<'_> {
             dependent.extend(more);
             let effects = self.settings.effects.without(dependent.iter().map(|refused| refused.effect.id()));
             let settings = Settings { effects, ..*self.settings };
-            result = self.procedure(&chosen.base, &settings)?.run(self.stage)?;
+            result = self.procedure(&chosen.base, &settings)?.run(stage)?;
         }
         let excluded = |refused: &RefusedEffect| refused.why == Refusal::Excluded;
         result.untestable.retain(|refused| !(excluded(refused) && self.settings.effects.has(refused.effect)));

@@ -14,7 +14,7 @@ use mr_damper_model::sample::DriveKind;
 pub fn stage_in_words(stage: Stage) -> String {
     match stage {
         Stage::Structure(name) => format!("{name}: identifying this structure"),
-        Stage::Search(name) => format!("{name}: searching for effects"),
+        Stage::Search(round) => format!("effect {round}: searching with each structure"),
         Stage::Base => "refitting the base".to_owned(),
         Stage::Scores(round) => format!("effect {round}: scores of the library"),
         Stage::Refits(round) => format!("effect {round}: refitting the best candidates"),

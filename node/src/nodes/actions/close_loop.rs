@@ -95,8 +95,8 @@ impl ActionWork for CloseLoopWork {
 /// Approximate share of the work that is done when `stage` begins.
 fn progress(stage: Stage) -> f32 {
     match stage {
-        Stage::Structure(_) | Stage::Search(_) | Stage::Base => 0.0,
-        Stage::Scores(round) => (0.05 + 0.2 * (round as f32 - 1.0)).min(0.6),
+        Stage::Structure(_) | Stage::Base => 0.0,
+        Stage::Search(round) | Stage::Scores(round) => (0.05 + 0.2 * (round as f32 - 1.0)).min(0.6),
         Stage::Refits(round) => (0.15 + 0.2 * (round as f32 - 1.0)).min(0.65),
         Stage::Pruning => 0.7,
         Stage::Alternative => 0.75,
