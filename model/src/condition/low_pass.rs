@@ -37,15 +37,21 @@ pub struct LowPass {
     tau_s: f64,
 }
 
-/// State of one filter: input, outputs of both poles, and the coefficients of the last step.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct State {
-    input: f64,
-    first: f64,
-    second: f64,
+/// State of the filter for `N` signals with one clock: inputs, outputs of both poles, and the coefficients of the last step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State<const N: usize = 1> {
+    input: [f64; N],
+    first: [f64; N],
+    second: [f64; N],
     dt_s: f64,
     pole: f64,
     ramp: f64,
+}
+
+impl<const N: usize> Default for State<N> {
+    fn default() -> Self {
+        Self { input: [0.0; N], first: [0.0; N], second: [0.0; N], dt_s: 0.0, pole: 0.0, ramp: 0.0 }
+    }
 }
 
 impl LowPass {
@@ -65,9 +71,21 @@ impl LowPass {
     /// `value`.
     #[inline]
     pub fn step(&self, state: &mut State, dt_s: Option<f64>, value: f64) -> f64 {
+        let [filtered] = self.step_each(state, dt_s, [value]);
+        filtered
+    }
+
+    /// [`LowPass::step`] for one value of each signal.
+    #[inline]
+    pub(crate) fn step_each<const N: usize>(
+        &self,
+        state: &mut State<N>,
+        dt_s: Option<f64>,
+        values: [f64; N],
+    ) -> [f64; N] {
         let Some(dt_s) = dt_s else {
-            *state = State { input: value, first: value, second: value, ..*state };
-            return value;
+            *state = State { input: values, first: values, second: values, ..*state };
+            return values;
         };
         if dt_s != state.dt_s {
             // The rate is usually constant, so the exponential of the last step is kept.
@@ -77,12 +95,13 @@ impl LowPass {
             state.ramp = -exp_m1(-ratio) / ratio;
         }
         let (p, q) = (state.pole, state.ramp);
-        let first = p * state.first + (1.0 - q) * value + (q - p) * state.input;
-        let second = p * state.second + (1.0 - q) * first + (q - p) * state.first;
-        state.input = value;
-        state.first = first;
-        state.second = second;
-        second
+        for (k, value) in values.into_iter().enumerate() {
+            let first = p * state.first[k] + (1.0 - q) * value + (q - p) * state.input[k];
+            state.second[k] = p * state.second[k] + (1.0 - q) * first + (q - p) * state.first[k];
+            state.first[k] = first;
+        }
+        state.input = values;
+        state.second
     }
 }
 
@@ -132,7 +151,7 @@ mod tests {
                 // e^(-t/tau))).
                 filter.step(&mut state, Some(dt), slope * t);
                 let exact = slope * (t - tau * (1.0 - (-t / tau).exp()));
-                prop_assert!((state.first - exact).abs() < 1e-12 * (1.0 + exact.abs()));
+                prop_assert!((state.first[0] - exact).abs() < 1e-12 * (1.0 + exact.abs()));
             }
         }
 

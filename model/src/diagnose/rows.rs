@@ -156,14 +156,8 @@ impl RunRows<'_> {
             let by = force.map(|Jet { by, .. }| match &filter {
                 Some(filter) => {
                     let fresh = output.is_none();
-                    let states = output.get_or_insert_with(|| [LowPassState::default(); N]);
-                    let dt_s = row.dt_s.filter(|_| !fresh);
-                    let mut filtered = by;
-                    filtered
-                        .iter_mut()
-                        .zip(states)
-                        .for_each(|(by, state)| *by = filter.step(state, dt_s, *by));
-                    filtered
+                    let state = output.get_or_insert_with(LowPassState::<N>::default);
+                    filter.step_each(state, row.dt_s.filter(|_| !fresh), by)
                 }
                 None => by,
             });

@@ -79,7 +79,7 @@ impl TanhFunction {
     }
 
     /// [`TanhFunction::force_n`] of the function with these numbers, of any type.
-    #[inline]
+    #[inline(always)]
     fn force_on<R: Real>(&[a1, a2, a3, kappa]: &[R; 4], x_m: R, v_m_s: R) -> R {
         let u = v_m_s + kappa * x_m;
         a1 * (a3 * u).tanh() + a2 * u
@@ -198,7 +198,7 @@ impl FuzzyTanh {
     }
 
     /// [`FuzzyTanh::force_n`] with the functions of `numbers` in place of its own, of any type.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn force_on<R: Real>(&self, numbers: &[[R; 4]], x_m: R, v_m_s: R, i: R) -> R {
         let force_n = self.sets.strengths(i).mean(|set| TanhFunction::force_on(&numbers[set], x_m, v_m_s));
         force_n + self.force_offset_n

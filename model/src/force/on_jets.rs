@@ -6,6 +6,7 @@
 use super::jet::{Jet, Real};
 use super::law::Hidden;
 use super::{ForceModel, FreeRun, FuzzyTanhAlong, Inputs, LawState};
+use crate::lanes::widest;
 
 /// Number type of a simulation: `f64`, or a [`Jet`] that carries derivatives along.
 pub(crate) trait Number: Real {
@@ -115,7 +116,10 @@ impl<const N: usize> Number for Jet<N> {
         match &force.model {
             ForceModel::FuzzyTanh(fuzzy) => {
                 let (x, v, i) = (inputs.displacement_m, inputs.velocity_m_s, inputs.drive);
-                Some(fuzzy.force_on(coefficients.as_chunks().0, x, v, i))
+                Some(widest(
+                    #[inline(always)]
+                    || fuzzy.force_on(coefficients.as_chunks().0, x, v, i),
+                ))
             }
             ForceModel::Law(law) => Some(law.force_on(coefficients, inputs, state)),
             _ => None,

@@ -136,7 +136,7 @@ impl FuzzySets {
     }
 
     /// Strengths of the sets at drive `i`. NaN for a drive that is not finite.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn strengths<R: Real>(&self, i: R) -> Strengths<R> {
         Strengths::at(i, self.centres(), &self.sharpnesses[..self.len])
     }
@@ -152,7 +152,7 @@ pub(crate) struct Strengths<R = f64> {
 
 impl<R: Real> Strengths<R> {
     /// Strengths of Gaussian sets at drive `i`, one per centre, at most [`MAX_FUNCTIONS`].
-    #[inline]
+    #[inline(always)]
     fn at(i: R, centres: &[f64], sharpnesses: &[f64]) -> Self {
         let len = centres.len().min(MAX_FUNCTIONS);
         let (mut of, nearest) = exponents(i, centres, sharpnesses);
@@ -176,7 +176,7 @@ impl<R: Real> Strengths<R> {
 
     /// Weighted mean of the sets' outputs `says`, with the strengths as weights. Ignored sets are not evaluated. NaN if the strengths
     /// are NaN.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn mean(&self, says: impl Fn(usize) -> R) -> R {
         let mut sum = R::from(0.0);
         for (set, strength) in self.of[..self.len].iter().enumerate() {
@@ -230,7 +230,7 @@ fn sharpness(sigma: f64) -> f64 {
 }
 
 /// Exponent of each set at drive `i`, (i - c)²/(2 sigma²), and the smallest of them; unused entries are zero.
-#[inline]
+#[inline(always)]
 fn exponents<R: Real>(i: R, centres: &[f64], sharpnesses: &[f64]) -> ([R; MAX_FUNCTIONS], R) {
     let mut all = [R::from(0.0); MAX_FUNCTIONS];
     let mut least = R::from(f64::INFINITY);
@@ -243,7 +243,7 @@ fn exponents<R: Real>(i: R, centres: &[f64], sharpnesses: &[f64]) -> ([R; MAX_FU
 }
 
 /// Strength of a set whose exponent is `beyond` above the strongest set's: 0 if the set is ignored, NaN if `beyond` is NaN.
-#[inline]
+#[inline(always)]
 fn strength<R: Real>(beyond: R) -> R {
     // NaN from an unknown drive must propagate.
     if beyond.re() > OUT { R::from(0.0) } else { (-beyond).exp() }

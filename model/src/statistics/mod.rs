@@ -21,6 +21,8 @@ pub(crate) mod fourier;
 pub mod parabola;
 pub mod spectrum;
 
+use crate::lanes::widest;
+
 /// The smallest and the largest of `values`; without values, an infinite range in reverse.
 pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
@@ -30,12 +32,18 @@ pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 8;
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
-    let mut sums = [0.0; LANES];
-    for (a, b) in a.iter().zip(b) {
-        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-            *sum += a * b;
-        }
-    }
+    let sums = widest(
+        #[inline(always)]
+        || {
+            let mut sums = [0.0; LANES];
+            for (a, b) in a.iter().zip(b) {
+                for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+                    *sum += a * b;
+                }
+            }
+            sums
+        },
+    );
     sums.iter().sum::<f64>() + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f64>()
 }
 

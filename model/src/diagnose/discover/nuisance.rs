@@ -20,6 +20,7 @@ use crate::diagnose::joint::{Fitted, Joint};
 use crate::diagnose::rows::{Rows, dot, gram};
 use crate::effect::term::Terms;
 use crate::error::Error;
+use crate::lanes::widest;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Added to the unit diagonal of the normal matrix.
@@ -180,9 +181,14 @@ impl Nuisance {
 
     /// x - N w.
     pub(super) fn without(&self, mut series: Vec<f64>, weights: &DVector<f64>) -> Vec<f64> {
-        for (column, weight) in self.columns.iter().zip(weights.iter()) {
-            series.iter_mut().zip(column).for_each(|(value, n)| *value -= weight * n);
-        }
+        widest(
+            #[inline(always)]
+            || {
+                for (column, weight) in self.columns.iter().zip(weights.iter()) {
+                    series.iter_mut().zip(column).for_each(|(value, n)| *value -= weight * n);
+                }
+            },
+        );
         series
     }
 

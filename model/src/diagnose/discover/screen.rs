@@ -23,6 +23,7 @@ use crate::diagnose::Thresholds;
 use crate::diagnose::blocks::Blocks;
 use crate::effect::term::{Argument, Form, MAX_FORM_PARAMETERS, Modulator, Term, Terms};
 use crate::error::Error;
+use crate::lanes::widest;
 use crate::parallel;
 use nalgebra::{DMatrix, DVector};
 
@@ -84,8 +85,9 @@ pub(super) fn pairs(
         .filter(|(modulator, argument)| !(modulator.acts_on_input() && *argument == Argument::Force))
         .filter(|pair| taken.iter().all(|term| !repeats(*pair, term)))
         .collect();
+    let nuisance = [&sides.train, &sides.confirm].map(|side| interleaved(&side.nuisance.columns));
     let one = |&(modulator, argument): &(Modulator, Argument)| {
-        pair(sides, healthy, modulator, argument, blocks, thresholds)
+        pair(sides, &nuisance, healthy, modulator, argument, blocks, thresholds)
     };
     let mut found: Vec<Pair> = parallel::map(&all, one).into_iter().flatten().collect();
     let is_new = |pair: &Pair| taken.iter().all(|term| !repeats((pair.modulator, pair.argument), term));
@@ -146,6 +148,20 @@ struct Moments {
     residual: DVector<f64>,
 }
 
+/// Columns whose sums over the rows are computed together.
+const TOGETHER: usize = 8;
+
+/// Columns in groups of [`TOGETHER`], each group row by row; zeros after the last column.
+type Interleaved = Vec<Vec<[f64; TOGETHER]>>;
+
+fn interleaved(columns: &[Vec<f64>]) -> Interleaved {
+    let group = |group: &[Vec<f64>]| {
+        let value = |row: usize, k: usize| group.get(k).map_or(0.0, |column| column[row]);
+        (0..group[0].len()).map(|row| std::array::from_fn(|k| value(row, k))).collect()
+    };
+    columns.chunks(TOGETHER).map(group).collect()
+}
+
 /// The hat functions of a pair on one side: for each row the knot below, and the weights of this knot and the next one.
 pub(super) struct Hats {
     places: Vec<(usize, [f64; 2])>,
@@ -168,15 +184,25 @@ impl Hats {
         Some(Self { places: m.iter().zip(q).map(place).collect(), knots: knots.len() })
     }
 
-    /// M'x.
-    fn onto(&self, series: &[f64], sums: &mut [f64]) {
-        for ((index, [below, above]), value) in self.places.iter().zip(series) {
-            sums[*index] += below * value;
-            sums[index + 1] += above * value;
-        }
+    /// M'X of several series X, given row by row: a row for each knot.
+    fn onto<const N: usize>(&self, rows: &[[f64; N]]) -> Vec<[f64; N]> {
+        let mut sums = vec![[0.0; N]; self.knots];
+        widest(
+            #[inline(always)]
+            || {
+                for ((index, weights), values) in self.places.iter().zip(rows) {
+                    // One check of bounds for both knots.
+                    let Some(both) = sums[*index..].first_chunk_mut::<2>() else { continue };
+                    for (sums, weight) in both.iter_mut().zip(weights) {
+                        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+                    }
+                }
+            },
+        );
+        sums
     }
 
-    fn moments(&self, side: &Side) -> Moments {
+    fn moments(&self, side: &Side, nuisance: &Interleaved) -> Moments {
         let n = self.knots;
         let mut own = DMatrix::zeros(n, n);
         for run in side.rows.runs() {
@@ -191,15 +217,11 @@ impl Hats {
             }
             own -= &sums * sums.transpose() / run.range.len().max(1) as f64;
         }
-        let mut nuisance = DMatrix::zeros(n, side.nuisance.columns.len());
-        for (column, mut sums) in side.nuisance.columns.iter().zip(nuisance.column_iter_mut()) {
-            let mut of_column = vec![0.0; n];
-            self.onto(column, &mut of_column);
-            sums.copy_from_slice(&of_column);
-        }
-        let mut residual = vec![0.0; n];
-        self.onto(&side.residual_n, &mut residual);
-        Moments { own, nuisance, residual: DVector::from_vec(residual) }
+        let by_group: Vec<Vec<[f64; TOGETHER]>> = nuisance.iter().map(|group| self.onto(group)).collect();
+        let value = |knot: usize, column: usize| by_group[column / TOGETHER][knot][column % TOGETHER];
+        let nuisance = DMatrix::from_fn(n, side.nuisance.columns.len(), value);
+        let residual = self.onto(side.residual_n.as_chunks::<1>().0);
+        Moments { own, nuisance, residual: DVector::from_iterator(n, residual.into_iter().flatten()) }
     }
 
     /// The curve with the values `at_knots`, over the rows, each run's mean removed.
@@ -235,6 +257,7 @@ impl Moments {
 
 fn pair(
     sides: &Sides,
+    [nuisance_of_train, nuisance_of_confirm]: &[Interleaved; 2],
     healthy: Option<&Healthy>,
     modulator: Modulator,
     argument: Argument,
@@ -245,8 +268,8 @@ fn pair(
     let [on_train, on_confirm] =
         [&sides.train, &sides.confirm].map(|side| Hats::new(side, modulator, argument, &knots));
     let (on_train, on_confirm) = (on_train?, on_confirm?);
-    let [train, confirm] =
-        [(&on_train, &sides.train), (&on_confirm, &sides.confirm)].map(|(hats, side)| hats.moments(side));
+    let train = on_train.moments(&sides.train, nuisance_of_train);
+    let confirm = on_confirm.moments(&sides.confirm, nuisance_of_confirm);
     let c = train.nuisance_weights(&sides.train);
     let fit = Fit {
         argument,
