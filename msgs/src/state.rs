@@ -186,6 +186,9 @@ reasons! {
     INPUT_INTERLEAVED = 1_048_576 "INPUT_INTERLEAVED",
     /// The stamp of an input is later than its arrival: the clocks of its publisher and the node differ.
     STAMP_AHEAD = 2_097_152 "STAMP_AHEAD",
+    /// No model runs, and no other reason says why: the mode was asked for, it needs a model or a force that is not there, or the models have
+    /// not enough samples since a gap.
+    NO_MODEL_RUNS = 4_194_304 "NO_MODEL_RUNS",
 }
 
 impl Reasons {

@@ -98,7 +98,11 @@ impl CommandPath {
         let last_a = self.controller.last_current().get();
         let current_a = if inputs.drive.is_finite() { inputs.drive } else { last_a };
         let (request, body) = (fresh(&self.request), fresh(&self.body));
-        let demand = settings.law.demand(request, body, inputs.velocity_m_s, current_a);
+        // A motion that arrives late is over. Its request may have the same stamp, so only the arrival shows it.
+        let demand = match moving.received.since(moving.stamp).get() > settings.request_timeout_s {
+            true => without_inputs(settings),
+            false => settings.law.demand(request, body, inputs.velocity_m_s, current_a),
+        };
         let command = self.controller.step(&inputs, demand, moving.measured_n);
         Some(StampedCommand { stamp: moving.stamp, known_at: moving.received, command })
     }
@@ -128,7 +132,12 @@ impl CommandPath {
 /// The demand after `silence_s` without displacement, and for how long it has applied, s; `None` while the last command holds.
 fn idle(silence_s: f64, settings: &Settings) -> Option<(Demand, f64)> {
     let idle_s = silence_s - settings.request_timeout_s;
-    (idle_s > 0.0).then(|| (settings.law.demand(None, None, f64::NAN, f64::NAN), idle_s))
+    (idle_s > 0.0).then(|| (without_inputs(settings), idle_s))
+}
+
+/// The demand if nothing is known of requests and motion.
+fn without_inputs(settings: &Settings) -> Demand {
+    settings.law.demand(None, None, f64::NAN, f64::NAN)
 }
 
 /// Inputs with every value unknown.

@@ -59,7 +59,7 @@ impl Pipeline {
         }
         let uncertainty = self.uncertainty(stamp, force_n, mode, reasons);
         if !matches!(mode, Mode::Hold | Mode::Fault) {
-            self.last_uncertainty = uncertainty;
+            (self.last_uncertainty, self.last_estimated) = (uncertainty, Some(stamp));
         }
         let input_age_s = self.drive_age_s(stamp);
         let received = Some(sample.received);
@@ -269,6 +269,8 @@ impl Pipeline {
             Mode::Fault => Validity::Invalid,
             Mode::Arx | Mode::ArxCoast | Mode::Model => Validity::Valid,
         };
+        let unexplained = by_mode > Validity::Valid && reasons.validity() < Validity::Stale;
+        let reasons = if unexplained { reasons | Reasons::NO_MODEL_RUNS } else { reasons };
         Estimate {
             stamp,
             received: None,

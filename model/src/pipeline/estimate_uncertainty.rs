@@ -161,7 +161,9 @@ impl Pipeline {
             Mode::Model => by_channel(Some(self.free.model()), self.free_at, free_n),
             Mode::Hold => {
                 let lost = reasons.has(Reasons::DISPLACEMENT_LOST);
-                let held_s = if lost { HOLD_S } else { self.machine.seconds_in_mode(stamp) };
+                // The force has been held since the last estimate, also through a gap before this mode began.
+                let since_s = self.last_estimated.map_or(HOLD_S, |at| stamp.since(at).get());
+                let held_s = if lost { HOLD_S } else { since_s };
                 self.last_uncertainty.held(force_n, self.free.model().envelope.force_n, held_s)
             }
             Mode::Fault => EstimateUncertainty::NONE,

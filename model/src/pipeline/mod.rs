@@ -130,6 +130,7 @@ impl From<PipelineSetup> for Pipeline {
             free_at: None,
             seeded_at: None,
             last_uncertainty: EstimateUncertainty::NONE,
+            last_estimated: None,
             window: Window::default(),
             alarm: Alarm::default(),
             index: 0,
@@ -208,8 +209,9 @@ pub struct Pipeline {
     /// Operating points of the two channels at the last displacement.
     free_at: Option<Operating>,
     seeded_at: Option<Operating>,
-    /// Uncertainty of the last estimate that came from a model.
+    /// Uncertainty and stamp of the last estimate that came from a model.
     last_uncertainty: EstimateUncertainty,
+    last_estimated: Option<Stamp>,
     window: Window,
     alarm: Alarm,
     /// Displacements accepted so far.
@@ -302,10 +304,12 @@ impl Pipeline {
         match self.gate.check(sample, model_drive, &self.settings.plausible) {
             gate::GateDecision::Accept => {}
             gate::GateDecision::Refuse(refused) => {
-                self.pending |= refused.reasons();
-                if matches!(sample.reading, Reading::ForceRequest(_)) {
+                match sample.reading {
                     // A refused force request also cancels the one before it.
-                    self.command_path.forget_request();
+                    Reading::ForceRequest(_) => self.command_path.forget_request(),
+                    // The estimate does not depend on it.
+                    Reading::BodyVelocity(_) => {}
+                    _ => self.pending |= refused.reasons(),
                 }
                 emit(Event::Refusal(Refusal { sample: *sample, why: refused }));
                 return;

@@ -105,6 +105,27 @@ fn a_request_that_stops_or_is_not_finite_leads_to_the_safe_current() {
     assert!(damper.last().command.requested.get().is_nan());
 }
 
+/// The request has the stamp of the motion, so only the arrival shows that both are old.
+#[test]
+fn a_motion_that_arrives_late_gets_the_safe_current() {
+    let limits = Limits { safe_a: 0.3, safe_after_s: 0.2, ..Limits::default() };
+    let settings = Settings { limits, request_timeout_s: 0.05, ..Settings::default() };
+    let after = |delay_ms: i64| {
+        let mut damper = CommandHarness::new(fuzzy_tanh(), settings);
+        for k in 0..400 {
+            let [drive, _, displacement] = samples(k, 0);
+            let request = Sample { reading: Reading::ForceRequest(Newton(5000.0)), ..drive };
+            for sample in [request, displacement] {
+                damper.feed(&Sample { received: sample.stamp.shifted(delay_ms * 1_000_000), ..sample });
+            }
+        }
+        (damper.last().command.limited_by, damper.last().command.current.get())
+    };
+    assert_eq!(after(40), (LimitedBy::CurrentMax, 2.5));
+    assert_eq!(after(60), (LimitedBy::Safe, 0.3));
+    assert_eq!(after(10_000), (LimitedBy::Safe, 0.3));
+}
+
 /// Ticks report the current during silence and do not change the state: the commands after them are the same without ticks.
 #[test]
 fn during_silence_the_current_moves_to_the_safe_one() {
@@ -323,7 +344,7 @@ fn bad_requests_do_not_change_the_estimate() {
             }
             harness.run(k..k + 1, |_| true);
         }
-        harness.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>()
+        harness.estimates().map(|e| (e.force.get().to_bits(), e.reasons)).collect::<Vec<_>>()
     };
     assert!(forces(false) == forces(true));
 }

@@ -384,6 +384,7 @@ fn a_gap_restarts_the_history_with_a_reason() {
     let after: Vec<_> = harness.estimates().skip(300).collect();
     assert!(after[0].reasons.has(Reasons::DISPLACEMENT_GAP));
     assert!(after[0].force.is_finite() && after[0].validity == Validity::Stale, "held: {:?}", after[0]);
+    assert!(after[0].reasons.has(Reasons::NO_MODEL_RUNS), "{:?}", after[0]);
     let settled = after.iter().skip(50).all(|e| e.validity == Validity::Valid);
     assert!(settled, "{:?}", after.iter().skip(50).find(|e| e.validity != Validity::Valid));
 }

@@ -183,6 +183,18 @@ fn the_band_of_a_held_estimate_is_the_full_force_range() {
 }
 
 #[test]
+fn the_first_estimate_after_a_gap_was_held_through_it() {
+    let range = [-1500.0, 1400.0];
+    let mut free = calibrated(preset(BEST_FUZZY_TANH));
+    free.envelope = Envelope { force_n: Some(range), ..free.envelope };
+    let mut harness = Harness::of(Models::alone(free), Settings::default());
+    harness.run(0..200, |_| false);
+    harness.run(300..301, |_| false);
+    let held = harness.estimates().last().expect("some");
+    assert_eq!((held.mode, held.band.map(|n| n.get())), (Mode::Hold, range), "{held:?}");
+}
+
+#[test]
 fn a_filter_other_than_in_calibration_ends_the_calibration() {
     let calibrated_rows = |filter| {
         let mut harness =

@@ -237,6 +237,17 @@ fn scenarios() -> Vec<(Reasons, Scenario, Scenario)> {
             Scenario { models: both, edit: force_ends, ..SOUND },
         ),
         (
+            Reasons::NO_MODEL_RUNS,
+            Scenario {
+                settings: || Settings { only_mode: Some(Mode::Fault), ..Settings::default() },
+                ..SOUND
+            },
+            Scenario {
+                settings: || Settings { only_mode: Some(Mode::Model), ..Settings::default() },
+                ..SOUND
+            },
+        ),
+        (
             Reasons::DISPLACEMENT_LOST,
             Scenario { end: |p, record| p.tick(after(0.6), &mut |e| record(e)), ..SOUND },
             Scenario { end: |p, record| p.tick(after(0.4), &mut |e| record(e)), ..SOUND },
