@@ -48,6 +48,8 @@ const ROUNDING: f64 = 1e-11;
 const RATE_TOLERANCE: f64 = 0.01;
 /// Largest relative difference between a step and the period (jitter); a larger one means a lost sample.
 const STEP_TOLERANCE: f64 = 0.25;
+/// A step that is longer than this many times the median step has lost a sample.
+const LOST_SAMPLE: f64 = 1.5;
 /// Largest share of steps beyond [`STEP_TOLERANCE`]; they are left out. With more of them, hardly any step follows enough others.
 const MOST_UNEVEN: f64 = 0.2;
 /// Largest share of a coefficient's direction outside the rows for a coefficient that they determine.
@@ -352,37 +354,51 @@ pub(super) fn common_rate(datasets: &[Dataset], model: &'static str) -> Result<f
     if first.conditioning.apply_to == ApplyTo::Output {
         return Err(Error::OutputFilter { model });
     }
-    let off = |d: &&Dataset| (d.rate_hz / first.rate_hz - 1.0).abs() > RATE_TOLERANCE;
-    if let Some(other) = datasets.iter().find(off) {
+    let rates_hz: Vec<f64> = datasets.iter().map(sampling_rate_hz).collect();
+    let off = |rate_hz: &f64| (rate_hz / rates_hz[0] - 1.0).abs() > RATE_TOLERANCE;
+    if let Some(other) = rates_hz.iter().position(off) {
         return Err(IdentifyError::DifferentRates {
             model,
-            runs: [first.name.clone(), other.name.clone()],
-            rates_hz: [first.rate_hz, other.rate_hz],
+            runs: [first.name.clone(), datasets[other].name.clone()],
+            rates_hz: [rates_hz[0], rates_hz[other]],
         }
         .into());
     }
-    for dataset in datasets {
-        let share = uneven_share(dataset);
+    for (dataset, rate_hz) in datasets.iter().zip(&rates_hz) {
+        let share = uneven_share(dataset, *rate_hz);
         if share > MOST_UNEVEN {
             return Err(IdentifyError::UnevenSampling {
                 run: dataset.name.clone(),
                 percent: 100.0 * share,
-                rate_hz: dataset.rate_hz,
+                rate_hz: *rate_hz,
                 model,
             }
             .into());
         }
     }
-    Ok(datasets.iter().map(|d| d.rate_hz).sum::<f64>() / datasets.len() as f64)
+    Ok(rates_hz.iter().sum::<f64>() / rates_hz.len() as f64)
 }
 
-/// Share of the steps of `dataset` that differ from the period of its mean rate by more than [`STEP_TOLERANCE`].
-fn uneven_share(dataset: &Dataset) -> f64 {
+/// Rate of the samples of `dataset` that follow each other, Hz: a step with a lost sample does not count. Without lost samples, the mean rate.
+fn sampling_rate_hz(dataset: &Dataset) -> f64 {
+    let mut steps: Vec<f64> = dataset.rows.iter().filter_map(|row| row.dt_s).collect();
+    if steps.is_empty() {
+        return dataset.rate_hz;
+    }
+    let middle = steps.len() / 2;
+    let longest_s = LOST_SAMPLE * *steps.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let all = steps.len();
+    steps.retain(|dt_s| *dt_s < longest_s);
+    if steps.len() == all { dataset.rate_hz } else { steps.len() as f64 / steps.iter().sum::<f64>() }
+}
+
+/// Share of the steps of `dataset` that differ from the period of `rate_hz` by more than [`STEP_TOLERANCE`].
+fn uneven_share(dataset: &Dataset, rate_hz: f64) -> f64 {
     let steps = dataset.rows.iter().filter_map(|row| row.dt_s);
     let (mut uneven, mut all) = (0_usize, 0_usize);
     for dt_s in steps {
         all += 1;
-        uneven += usize::from((dt_s * dataset.rate_hz - 1.0).abs() > STEP_TOLERANCE);
+        uneven += usize::from((dt_s * rate_hz - 1.0).abs() > STEP_TOLERANCE);
     }
     uneven as f64 / all.max(1) as f64
 }

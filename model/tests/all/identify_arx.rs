@@ -266,6 +266,23 @@ fn rows_around_gaps_are_left_out_of_fit_and_figures() {
 }
 
 #[test]
+fn lost_samples_do_not_change_the_period() {
+    let model = the_truth(false);
+    let mut lossy = arx_run(&model, 2.0, Recipe { duration_s: 20.0, ..Recipe::default() });
+    let drop = |trace: &mut mr_damper_model::sample::Trace| {
+        let kept = |k: usize| k % 20 != 0;
+        let all = trace.stamps.iter().zip(&trace.values).enumerate().filter(|(k, _)| kept(*k));
+        (trace.stamps, trace.values) = all.map(|(_, (stamp, value))| (*stamp, *value)).unzip();
+    };
+    drop(&mut lossy.displacement_m);
+    lossy.force_n.iter_mut().chain(&mut lossy.velocity_m_s).for_each(drop);
+    let measured = options(VelocitySource::Measured);
+    let found = identify(ModelSpec::ARX_PASSIVE, &[lossy], &measured, &Watch::none()).expect("identifies");
+    let period_s = arx(&found).sample_period().get();
+    assert!((period_s - 0.002).abs() < 1e-9, "{period_s}");
+}
+
+#[test]
 fn runs_that_cannot_be_fitted_are_rejected_with_the_reason() {
     let model = truth(KIND);
     let made =
