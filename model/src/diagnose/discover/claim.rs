@@ -36,7 +36,7 @@ const REFIT: usize = 15;
 pub enum Claim {
     /// The damper has an effect that its model lacks.
     Effect {
-        /// Amount on the healthy runs as a share of the term's; `None` without healthy runs.
+        /// Amount on the healthy runs as a share of the term's; `None` without healthy runs that can tell.
         on_healthy: Option<f64>,
     },
     /// The structure of the base lacks this term: the healthy damper has it too.
@@ -46,7 +46,7 @@ pub enum Claim {
     },
     /// One of the two.
     EffectOrStructure {
-        /// Amount on the healthy runs as a share of the term's; `None` without healthy runs.
+        /// Amount on the healthy runs as a share of the term's; `None` without healthy runs that can tell.
         on_healthy: Option<f64>,
     },
 }
@@ -123,19 +123,19 @@ impl<'a> Healthy<'a> {
         self.own.structure.as_ref().map(|(_, known)| known)
     }
 
-    /// The amount of `term` here as a share of its own, without its sign; `None` if it cannot be simulated.
+    /// The amount of `term` here as a share of its own, without its sign; `None` if these runs cannot tell.
     fn ratio(&self, term: &Term) -> Option<f64> {
         let mut values = term.values().to_vec();
         values[0] *= STEP;
         let small = with_term(&self.fitted.model, term.with_values(&values)?).ok()?;
         let mut column = self.rows.difference(&small, &self.fitted.predicted_n, STEP)?;
         self.rows.centre(&mut column);
-        Some(self.share(&column).abs())
+        self.share(&column).map(f64::abs)
     }
 
     /// Amount of a change of the force by `column` that fits these runs. A change that the space of structures can follow is judged without this
-    /// space, because the base may lack it on every run. The amount is 0 if the numbers of the model alone can follow it.
-    pub(super) fn share(&self, column: &[f64]) -> f64 {
+    /// space, because the base may lack it on every run. `None` if these runs do not excite it, or if the numbers of the model alone can follow it.
+    pub(super) fn share(&self, column: &[f64]) -> Option<f64> {
         let HealthySide { side, structure } = &self.own;
         let amount = |nuisance: &Nuisance| {
             let rest = nuisance.project(column.to_vec());
@@ -143,6 +143,6 @@ impl<'a> Healthy<'a> {
             is_identifiable(power, dot(column, column)).then(|| dot(&rest, &side.residual_n) / power)
         };
         let without_space = || structure.as_ref().and_then(|(plain, _)| amount(plain));
-        amount(&side.nuisance).or_else(without_space).unwrap_or(0.0)
+        amount(&side.nuisance).or_else(without_space)
     }
 }

@@ -107,7 +107,8 @@ pub enum TermRefusal {
         /// Largest probability allowed.
         allowed: f64,
     },
-    /// It removes too little of the squared error on the validation runs.
+    /// It removes too little of the squared error on the validation runs that no structure of the base could explain; without the space of
+    /// structures, of all of it.
     TooSmall {
         /// Share that it removes.
         share: f64,
@@ -146,7 +147,7 @@ impl std::fmt::Display for TermRefusal {
             }
             Self::TooSmall { share, needed } => write!(
                 f,
-                "it removes {:.1} % of the squared error on the validation runs, and needs {:.0} %",
+                "it removes {:.1} % of the squared error on the validation runs that another structure of the base could not, and needs {:.0} %",
                 100.0 * share,
                 100.0 * needed
             ),

@@ -86,7 +86,7 @@ fn pair(
     let backward = sides.train.gains(on_train, reverse, &of_confirm, &blocks.train);
     let gain: f64 = forward.iter().sum();
     let on_healthy = healthy
-        .and_then(|healthy| Some((healthy.share(&column(healthy.side(), parameters)?) / amount).abs()));
+        .and_then(|healthy| Some((healthy.share(&column(healthy.side(), parameters)?)? / amount).abs()));
     let range = range(sides.train.series.argument(argument)?.iter().copied());
     Some(Pair {
         modulator: Modulator::One,

@@ -59,7 +59,7 @@ pub(super) struct Pair {
     pub(super) score: f64,
     /// Drop of the squared error on each block of both sides, of what was fitted on the other one, N².
     pub(super) gains: Vec<f64>,
-    /// Size of the amount on the healthy runs as a share of the amount; `None` without healthy runs.
+    /// Size of the amount on the healthy runs as a share of the amount; `None` without healthy runs that can tell.
     pub(super) on_healthy: Option<f64>,
 }
 
@@ -295,7 +295,7 @@ fn pair(
     all_gains.extend(gains(&sides.train, &on_train, &c, amount, &blocks.train));
     let on_healthy = healthy.and_then(|healthy| {
         let hats = Hats::new(healthy.side(), modulator, argument, &knots)?;
-        Some((healthy.share(&hats.series(healthy.side(), &at_knots)) / best.amount).abs())
+        Some((healthy.share(&hats.series(healthy.side(), &at_knots))? / best.amount).abs())
     });
     Some(Pair {
         modulator,

@@ -139,7 +139,8 @@ pub(super) fn settle(
             class.push(other);
         }
     }
-    Ok(Ok(Settled { fitted: best.fitted, term: best.term, class, p, confirmed: share }))
+    let confirmed = 1.0 - best.raw_squares / sides.confirm.raw_squares();
+    Ok(Ok(Settled { fitted: best.fitted, term: best.term, class, p, confirmed }))
 }
 
 /// A term with its own numbers refitted.

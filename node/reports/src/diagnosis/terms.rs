@@ -72,7 +72,7 @@ pub(super) fn claim(claim: Claim) -> String {
         Claim::Effect { .. } => "an effect that the library does not have",
         Claim::Structure { .. } => "the healthy damper has it too: the structure of the base lacks it",
         Claim::EffectOrStructure { on_healthy: None } => {
-            "effect or structure of the base: cannot tell without a healthy run (--healthy)"
+            "effect or structure of the base: cannot tell without healthy runs with the same excitation (--healthy)"
         }
         Claim::EffectOrStructure { on_healthy: Some(_) } => {
             "effect or structure of the base: the healthy runs cannot tell either"

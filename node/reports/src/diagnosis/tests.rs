@@ -291,7 +291,7 @@ fn each_claim_has_its_own_words() {
     );
     assert_eq!(
         say(Claim::EffectOrStructure { on_healthy: None }),
-        "effect or structure of the base: cannot tell without a healthy run (--healthy)"
+        "effect or structure of the base: cannot tell without healthy runs with the same excitation (--healthy)"
     );
     let both = say(Claim::EffectOrStructure { on_healthy: Some(0.3) });
     assert!(both.contains("the healthy runs cannot tell either") && !both.contains("--healthy"), "{both}");
