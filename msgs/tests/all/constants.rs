@@ -41,7 +41,7 @@ fn force_estimate() {
     ours.extend(constants("VALIDITY_", "uint8", Validity::ALL.iter().map(|v| (v.name(), u8::from(*v)))));
     ours.extend(constants("REASON_", "uint32", Reasons::ALL.iter().map(|(name, r)| (*name, r.bits()))));
     assert_eq!(ours, defined::<ForceEstimate>());
-    assert_eq!(ours.len(), 5 + 5 + 22);
+    assert_eq!(ours.len(), 5 + 5 + 23);
 }
 
 #[test]
