@@ -27,18 +27,22 @@ pub(crate) fn rounded(value: f64, digits: usize) -> f64 {
 }
 
 /// Suffixes of names of numbers with their units. The longest fitting suffix counts, so these are ordered by length.
-const UNITS: [(&str, &str); 17] = [
+const UNITS: [(&str, &str); 21] = [
     ("_n_s_m", "N s/m"),
     ("_n_m_s2", "N s^2/m"),
     ("_per_s", "1/s"),
     ("_per_m", "1/m"),
+    ("_per_k", "1/K"),
     ("_m_s2", "m/s^2"),
     ("_n_m", "N/m"),
+    ("_m_n", "m/N"),
+    ("_n_s", "N/s"),
     ("_n_a", "N/A"),
     ("_n_v", "N/V"),
     ("_s_m", "s/m"),
     ("_m_s", "m/s"),
     ("_kg", "kg"),
+    ("_hz", "Hz"),
     ("_n", "N"),
     ("_a", "A"),
     ("_v", "V"),
@@ -130,3 +134,21 @@ unit!(
 unit!(
     /// A temperature, in degrees Celsius.
     Celsius, "°C");
+
+#[cfg(test)]
+mod tests {
+    use super::unit_of_name;
+    use crate::effect::Effect;
+
+    #[test]
+    fn the_name_of_each_effect_parameter_ends_in_its_unit() {
+        for effect in Effect::ALL {
+            for parameter in effect.parameters() {
+                // The unit of the drive depends on the model, so it is in no name.
+                let symbol = parameter.unit.symbol().unwrap_or_default().replace('²', "^2");
+                let unit = unit_of_name(parameter.name).unwrap_or_default();
+                assert_eq!(unit, symbol, "{} {}", effect.title(), parameter.name);
+            }
+        }
+    }
+}

@@ -6,6 +6,8 @@ mod symbols;
 use crate::estimation::models;
 use crate::settings::error::{NodeError, PartError};
 use clap::ValueEnum;
+use mr_damper_model::effect::term::{self, Term};
+use mr_damper_model::effect::{EffectModel, Parameter};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::sample::DriveKind;
@@ -18,6 +20,9 @@ use std::path::Path;
 /// A model file holds no standard errors. `mr-damper identify --coefficients FILE` writes this table with the standard errors
 /// of the fit, and with `--bootstrap N` also with their scatter over the runs. The symbols are those of the equations in the
 /// documentation of each model.
+///
+/// A discovered term has its amount, the parameters of its form, and confirmed_in: the range of its argument in the data that it was found
+/// on. Several terms are numbered in the order of the model file. A note gives the equation of each term.
 ///
 /// Example: mr-damper coefficients thesis/fuzzy-tanh/rp3-cs --format latex
 #[derive(Debug, clap::Args)]
@@ -79,6 +84,14 @@ pub struct Coefficient {
     pub bootstrap: Option<Scatter>,
 }
 
+impl Coefficient {
+    /// A coefficient without a symbol, error or scatter; `unit` is a symbol of the model library, empty if it has none.
+    fn plain(name: String, value: f64, unit: &str) -> Self {
+        let unit = symbols::plain_unit(unit);
+        Self { name, symbol: String::new(), value, unit, standard_error: None, bootstrap: None }
+    }
+}
+
 /// Scatter of a coefficient over fits to resampled runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scatter {
@@ -121,8 +134,9 @@ impl PartError for NotATable {}
 /// # Errors
 /// When the model does not load, or stdout cannot be written.
 pub fn run(args: &Args) -> Result<(), NodeError> {
-    let coefficients = of_model(&models::load_whole(&args.model)?.model)?;
-    match std::io::stdout().lock().write_all(table(&coefficients, args.format, &[]).as_bytes()) {
+    let model = models::load_whole(&args.model)?.model;
+    let table = table(&of_model(&model)?, args.format, &equations(&model));
+    match std::io::stdout().lock().write_all(table.as_bytes()) {
         // A closed pipe (`| head`) is not an error.
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(NodeError::io("writing to stdout")(error))
@@ -131,7 +145,7 @@ pub fn run(args: &Args) -> Result<(), NodeError> {
     }
 }
 
-/// The coefficients of `model`: all numbers of the table `[parameters]` of its file, and those of its effects.
+/// The coefficients of `model`: all numbers of the table `[parameters]` of its file, and those of its effects and terms.
 ///
 /// # Errors
 /// When the model cannot be written as a model file.
@@ -147,19 +161,52 @@ pub fn of_model(model: &Model) -> Result<Vec<Coefficient>, NodeError> {
     for (key, value) in parameters.into_iter().flatten() {
         flatten(model.force.name(), key, value, &mut Vec::new(), power, &mut all);
     }
-    for effect in file.get("effects").and_then(toml::Value::as_array).into_iter().flatten() {
-        let Some(effect) = effect.as_table() else { continue };
-        let id = effect.get("id").and_then(toml::Value::as_str).unwrap_or_default();
-        for (key, value) in effect {
-            let mut own = Vec::new();
-            flatten(id, key, value, &mut Vec::new(), None, &mut own);
-            all.extend(own.into_iter().map(|coefficient| Coefficient {
-                name: format!("{id}.{}", coefficient.name),
-                ..coefficient
-            }));
-        }
-    }
+    let of = drive_unit(model);
+    all.extend(model.effects.as_slice().iter().flat_map(|effect| of_effect(effect, of)));
+    all.extend(named_terms(model).flat_map(|(name, term)| of_term(&name, term, of)));
     Ok(all)
+}
+
+/// The unit of the model's drive. No effect needs it if the model has none.
+fn drive_unit(model: &Model) -> &'static str {
+    model.force.drive().map_or("A", DriveKind::unit)
+}
+
+/// The terms of `model` with their names, which have a number if there are several.
+fn named_terms(model: &Model) -> impl Iterator<Item = (String, &Term)> {
+    let terms = model.effects.terms();
+    let several = terms.iter().count() > 1;
+    let name =
+        move |index: usize| if several { format!("{}[{index}]", term::ID) } else { term::ID.to_owned() };
+    terms.iter().enumerate().map(move |(index, term)| (name(index), term))
+}
+
+/// The equation of each term, after its name.
+fn equations(model: &Model) -> Vec<String> {
+    let of = drive_unit(model);
+    named_terms(model).map(|(name, term)| format!("{name}: {}", term.equation(of))).collect()
+}
+
+/// The parameters of `effect`; `of` is the unit of the drive.
+fn of_effect(effect: &EffectModel, of: &str) -> Vec<Coefficient> {
+    let id = effect.effect().id();
+    let parameters = effect.effect().parameters().iter().zip(effect.parameters());
+    let coefficient = |(parameter, value): (&Parameter, &f64)| {
+        Coefficient::plain(format!("{id}.{}", parameter.name), *value, parameter.unit.symbol().unwrap_or(of))
+    };
+    parameters.map(coefficient).collect()
+}
+
+/// The amount and the parameters of `term`, then the range that it was confirmed in; `of` is the unit of the drive.
+fn of_term(name: &str, term: &Term, of: &str) -> Vec<Coefficient> {
+    let numbers = term.numbers(of).into_iter();
+    let numbers = numbers
+        .map(|number| Coefficient::plain(format!("{name}.{}", number.name), number.value, &number.unit));
+    let unit = term.argument_unit(of);
+    let ends = term.confirmed_in().into_iter().enumerate();
+    let range =
+        ends.map(|(end, value)| Coefficient::plain(format!("{name}.confirmed_in[{end}]"), value, &unit));
+    numbers.chain(range).collect()
 }
 
 /// Appends the numbers of `value`, which has the name `key` and lies at the place `indices` of its list.

@@ -106,3 +106,11 @@ pub(super) fn unit(key: &str, exponent: Option<(DriveKind, usize)>) -> String {
     let of = if power == 1 { of.to_owned() } else { format!("{of}^{power}") };
     format!("{base}/{of}")
 }
+
+/// The unit with this symbol of the model library, written as in the names of units here: `N s^2/m^2` for `N s²/m²`, and `1` for none.
+pub(super) fn plain_unit(symbol: &str) -> String {
+    match symbol {
+        "" => "1".to_owned(),
+        symbol => symbol.replace('²', "^2").replace('³', "^3"),
+    }
+}

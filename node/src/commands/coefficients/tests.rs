@@ -1,6 +1,8 @@
 //! Tests of the table of coefficients.
 
 use super::*;
+use mr_damper_model::effect::term::{Argument, Form, Modulator, Terms};
+use mr_damper_model::effect::{Effect, Effects};
 use mr_damper_model::preset;
 
 fn coefficients(name: &str) -> Vec<Coefficient> {
@@ -39,6 +41,51 @@ fn symbols_and_units_are_those_of_the_equations() {
     assert_eq!(symbols::unit("rising_b6_n_s6_m6", None), "N s^6/m^6");
     assert_eq!(symbols::symbol("savaresi", "displacement_lags_n_m", &[0]), "a_{3}");
     assert_eq!(symbols::symbol("anfis", "conclusions", &[3, 1]), "");
+}
+
+#[test]
+fn discovered_terms_are_numbered_and_each_number_has_its_unit() {
+    let lag = Term::new(
+        (Modulator::ForcePerDrive, Argument::DriveChange, Form::Linear),
+        -0.688,
+        &[],
+        [-1.125, 0.99],
+    );
+    let decay = Term::new((Modulator::Force, Argument::Velocity, Form::Decay), -0.472, &[0.341], [-0.2, 0.2]);
+    let both = [lag.expect("a term"), decay.expect("a term")];
+    let mut model = preset::load("thesis/fuzzy-tanh/rp3-cs").expect("a preset");
+    model.effects = Effects::NONE.with_terms(Terms::new(&both).expect("two terms"));
+    let all = of_model(&model).expect("coefficients");
+    for (name, value, unit) in [
+        ("term[0].amount", -0.688, "A/A"),
+        ("term[0].confirmed_in[0]", -1.125, "A"),
+        ("term[1].amount", -0.472, "1"),
+        ("term[1].scale", 0.341, "m/s"),
+        ("term[1].confirmed_in[1]", 0.2, "m/s"),
+    ] {
+        let found = named(&all, name);
+        assert_eq!((found.value, found.unit.as_str()), (value, unit), "{name}");
+    }
+    let equations = equations(&model);
+    assert_eq!(equations.len(), 2);
+    assert!(
+        equations.iter().any(|equation| equation.starts_with("term[0]: i' = i - 0.688")),
+        "{equations:?}"
+    );
+    // One term alone has no number.
+    model.effects = Effects::NONE.with_terms(Terms::new(&both[..1]).expect("one term"));
+    assert_eq!(named(&of_model(&model).expect("coefficients"), "term.amount").unit, "A/A");
+}
+
+#[test]
+fn effects_have_the_units_of_the_library() {
+    let mut model = preset::load("thesis/fuzzy-tanh/rp3-cs").expect("a preset");
+    let spring = Effect::named("force_lag", Some("series_spring")).expect("an effect").example();
+    model.effects = Effects::new(&[spring]).expect("one effect");
+    let all = of_model(&model).expect("coefficients");
+    assert_eq!(named(&all, "force_lag.compliance_m_n").unit, "m/N");
+    assert_eq!(symbols::plain_unit("N s²/m²"), "N s^2/m^2");
+    assert_eq!(symbols::plain_unit(""), "1");
 }
 
 #[test]
