@@ -8,11 +8,12 @@ use crate::commands::run_args::RunArgs;
 use crate::commands::targets::{self, Target};
 use crate::commands::units::{Units, UnitsArgs};
 use crate::estimation::models;
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use mr_damper_base::shown;
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
+use mr_damper_model::sample::Channel;
 use mr_damper_reports::evaluate::{RunReport, figures};
 use mr_damper_runs::{Loaded, write_text};
 use serde::Serialize;
@@ -98,7 +99,23 @@ impl EvaluatedRun {
     fn is_fitted(&self) -> bool {
         self.used_as.is_some_and(|role| role != Role::Test)
     }
+
+    /// True if a sample has both an estimate and a measured force.
+    const fn is_compared(&self) -> bool {
+        self.figures.free_run.is_some() || self.figures.one_step.is_some()
+    }
 }
+
+/// No run has a figure.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{model} cannot be evaluated: no sample has both an estimate and a measured force. `mr-damper predict` on a run says why"
+)]
+struct NothingCompared {
+    model: String,
+}
+
+impl PartError for NothingCompared {}
 
 /// Errors over several runs.
 #[derive(Debug, Serialize)]
@@ -142,7 +159,8 @@ fn pooled(fits: impl Iterator<Item = Option<Fit>>) -> Option<Fit> {
 /// Evaluates the model on all runs and prints the figures.
 ///
 /// # Errors
-/// When the model or a run does not load, or they do not fit together.
+/// When the model or a run does not load, or they do not fit together; when no run has a sample to compare, in which case the figures are
+/// printed all the same.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     if let Some(relation) = relation::named(&args.model) {
         return relation::run(args, &relation, context);
@@ -176,6 +194,9 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     match &args.json {
         Some(path) => output::json(path, &report)?,
         None => print!("{}", shown::lines(&table(&report, args.units.units))),
+    }
+    if !report.runs.iter().any(EvaluatedRun::is_compared) {
+        return Err(NothingCompared { model: args.model.clone() }.into());
     }
     if let Some(out) = &args.calibrate {
         file.model.expected.uncertainty = Some(calibrator.finish()?);
@@ -211,7 +232,8 @@ fn used_as(provenance: &Provenance, sha256: &str) -> Option<Role> {
 
 fn table(report: &Report<'_>, units: Units) -> String {
     let mut text = format!("{}\n", report.model);
-    for EvaluatedRun { figures: run, used_as } in &report.runs {
+    for evaluated in &report.runs {
+        let EvaluatedRun { figures: run, used_as } = evaluated;
         let mark = match used_as {
             Some(Role::Base | Role::Estimate) => " (a training run of the model)",
             Some(Role::Test) => " (a test run of the model)",
@@ -228,17 +250,14 @@ fn table(report: &Report<'_>, units: Units) -> String {
                 shown::count(band.samples, "sample")
             );
         }
-        if run.free_run.is_none() && run.one_step.is_none() {
-            text += "  nothing to compare: no sample has both an estimate and a measured force. `mr-damper predict` says why for each \
-                     displacement\n";
-            continue;
-        }
-        text += &format!("  mean error {:.2} {}", units.of_n(run.offset_n), units.symbol());
-        text += &if run.refused > 0 {
-            format!(", {} refused\n", shown::count(run.refused, "sample"))
+        text += &if evaluated.is_compared() {
+            format!("  mean error {:.2} {}\n", units.of_n(run.offset_n), units.symbol())
         } else {
-            "\n".to_owned()
+            nothing_to_compare(run)
         };
+        for refused in run.refusals.texts() {
+            text += &format!("  {refused}\n");
+        }
     }
     if let Some(all) = &report.other_runs {
         let excluded = if all.runs < report.runs.len() { " that the model was not made with" } else { "" };
@@ -246,6 +265,17 @@ fn table(report: &Report<'_>, units: Units) -> String {
         text += &rows([all.free_run, all.free_run_without_offset, all.one_step, all.persistence], units);
     }
     text
+}
+
+/// The line of a run without figures.
+fn nothing_to_compare(run: &RunReport) -> String {
+    // Without a displacement, `predict` has no row either.
+    let more = if run.refusals.is_all_of(Channel::Displacement) {
+        ""
+    } else {
+        ". The column `reasons` of `mr-damper predict` says why for each displacement"
+    };
+    format!("  nothing to compare: no sample has both an estimate and a measured force{more}\n")
 }
 
 /// The errors of the simulation, of the simulation without offset, of the one-step-ahead prediction, and of persistence.

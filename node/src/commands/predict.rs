@@ -11,7 +11,8 @@ use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{
     Estimate, Event, Mode, Models, Pipeline, Reasons, Residual, Settings, Slot, Transition, Validity,
 };
-use mr_damper_model::sample::{Run, Stamp};
+use mr_damper_model::sample::{Channel, Run, Stamp};
+use mr_damper_reports::evaluate::Refusals;
 use mr_damper_runs::{BagMessages, BagWriter, RunError, save_with, seconds_text, write_text};
 use std::collections::HashMap;
 use std::iter::Peekable;
@@ -23,7 +24,8 @@ use std::vec::IntoIter;
 /// A CSV file is a table. Its columns are the estimate that the node would publish, the simulation (displacement and drive alone), the
 /// one-step-ahead prediction (models that use measured force, where it was measured), the 90 % band, the measured force,
 /// the residual of the simulation, the mode, the validity and its reasons. A value that does not exist is an empty cell.
-/// Stamps are those of the run, exact to the nanosecond.
+/// Stamps are those of the run, exact to the nanosecond. A displacement that is refused, for example because it is not plausible, has no
+/// row; a warning counts the refused samples of each channel and says why.
 ///
 /// A bag holds the run and, as the node would publish them, force_estimate, force_residual and mode.
 #[derive(Debug, clap::Args)]
@@ -55,21 +57,26 @@ const COLUMNS: &str = "time_s,estimate_n,simulation_n,one_step_n,band_low_n,band
 /// Steps the model over the run and writes the table or the bag.
 ///
 /// # Errors
-/// When the model or the run does not load, the run lacks a channel that the model needs, or the target exists (a bag) or cannot be
-/// written; when interrupted, in which case nothing is written.
+/// When the model or the run does not load, the run lacks a channel that the model needs, all displacements are refused, or the target
+/// exists (a bag) or cannot be written; when interrupted. In all these cases nothing is written.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     targets::check([args.run.as_path(), Path::new(&args.model)], [Target::run_or_table("--out", &args.out)])?;
     args.bag.check(&args.out)?;
     let model = models::load(&args.model)?;
     let run = args.load.load(&args.run)?.run;
     let cancelled = || context.interrupt.is_raised();
-    let Some(events) = events(&model, &run, cancelled)? else { return Err(NodeError::Interrupted) };
+    let Some(Reported { events, refusals }) = reported(&model, &run, cancelled)? else {
+        return Err(NodeError::Interrupted);
+    };
     let forces = events.iter().filter_map(|event| match event {
         Event::Estimate(estimate) => Some(estimate.force.get()),
         _ => None,
     });
-    let (all, valid) =
-        forces.fold((0, 0), |(all, valid), force_n| (all + 1, valid + usize::from(force_n.is_finite())));
+    let (used, valid) = forces
+        .fold((0_u64, 0_u64), |(used, valid), force_n| (used + 1, valid + u64::from(force_n.is_finite())));
+    if used == 0 {
+        return Err(nothing_used(args, &refusals));
+    }
     if args.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv")) {
         let mut text = format!("{COLUMNS}\n");
         for row in rows(&events) {
@@ -79,18 +86,36 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     } else {
         args.save_bag(&model, &run, events)?;
     }
+    for text in refusals.texts() {
+        tracing::warn!(run = %args.run.display(), "{text}");
+    }
     if valid == 0 {
         tracing::warn!(
             run = %args.run.display(),
-            "there is no force: the displacements are refused, or the run lacks an input of the model. The column `reasons` of a CSV target says why"
+            "there is no force: at no displacement does the model have all its inputs. The column `reasons` of a CSV target says why"
         );
     }
     if !context.quiet {
-        let (forces, displacements) = (shown::count(valid, "force"), shown::count(all, "displacement"));
+        let forces = shown::count(valid, "force");
+        let displacements = match refusals.samples(Channel::Displacement) {
+            0 => shown::count(used, "displacement"),
+            refused => format!("{used} of {}", shown::count(used + refused, "displacement")),
+        };
         let line = format!("{forces} at {displacements} in {}", args.out.display());
         eprintln!("{}", shown::line(&line));
     }
     Ok(())
+}
+
+/// The error for a run of which no displacement can be used.
+fn nothing_used(args: &Args, refusals: &Refusals) -> NodeError {
+    let reasons: Vec<String> = refusals.texts().collect();
+    let message = format!(
+        "no displacement can be used, so {} is not written. {}",
+        args.out.display(),
+        reasons.join(" ")
+    );
+    NodeError::File { path: args.run.clone(), message: message.trim_end().to_owned() }
 }
 
 impl Args {
@@ -211,7 +236,7 @@ impl PredictedRow {
     }
 }
 
-/// The forces of `model` at each displacement of `run`; `None` when `cancelled`.
+/// The forces of `model` at each displacement of `run` that the pipeline accepts; `None` when `cancelled`.
 ///
 /// # Errors
 /// When the run lacks a channel that the model needs, or its drive is of another kind.
@@ -220,25 +245,32 @@ pub fn predict(
     run: &Run,
     cancelled: impl Fn() -> bool,
 ) -> Result<Option<Vec<PredictedRow>>, NodeError> {
-    Ok(events(model, run, cancelled)?.map(|events| rows(&events).collect()))
+    Ok(reported(model, run, cancelled)?.map(|reported| rows(&reported.events).collect()))
 }
 
-/// The estimates of `model` on `run`, its residuals and its changes of mode, in the order in which they come; `None` when `cancelled`.
-fn events(model: &Model, run: &Run, cancelled: impl Fn() -> bool) -> Result<Option<Vec<Event>>, NodeError> {
+/// What the pipeline reports on a run.
+struct Reported {
+    /// Estimates, residuals and changes of mode, in the order in which they come.
+    events: Vec<Event>,
+    refusals: Refusals,
+}
+
+/// What the pipeline reports on `run` with `model`; `None` when `cancelled`.
+fn reported(model: &Model, run: &Run, cancelled: impl Fn() -> bool) -> Result<Option<Reported>, NodeError> {
     mr_damper_model::evaluate::require_inputs(model, run)?;
     let mut pipeline = Pipeline::new(Models::alone(*model), Settings::default())?;
-    let mut events = Vec::new();
+    let (mut events, mut refusals) = (Vec::new(), Refusals::default());
     for (index, sample) in run.samples().enumerate() {
         if index % 4096 == 0 && cancelled() {
             return Ok(None);
         }
-        pipeline.step(&sample, &mut |event| {
-            if stamp_of(&event).is_some() {
-                events.push(event);
-            }
+        pipeline.step(&sample, &mut |event| match event {
+            Event::Refusal(refusal) => refusals.take(&refusal, run),
+            event if stamp_of(&event).is_some() => events.push(event),
+            _ => {}
         });
     }
-    Ok(Some(events))
+    Ok(Some(Reported { events, refusals }))
 }
 
 /// The row of each estimate, with the residual of its stamp.

@@ -75,6 +75,23 @@ fn the_bag_holds_the_run_and_the_forces_of_the_table() {
 }
 
 #[test]
+fn a_run_whose_displacements_are_all_implausible_is_an_error_that_names_the_unit() {
+    let dir = with_run();
+    let path = dir.path().join("run.csv");
+    let mut run = load(&path, &LoadOptions::default()).expect("a run").run;
+    run.displacement_m.values.iter_mut().for_each(|value| *value += 1.25);
+    std::fs::remove_file(&path).expect("it is there");
+    save(&run, &path, &SaveOptions::default()).expect("room in the temporary directory");
+    let output = predict(dir.path(), &["--out", "forces.csv"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    for word in ["no displacement can be used", "the limit is 1 m", "displacement_mm", "offset=X"] {
+        assert!(message.contains(word), "{word}: {message}");
+    }
+    assert!(!dir.path().join("forces.csv").exists());
+}
+
+#[test]
 fn a_target_of_unknown_kind_and_an_existing_bag_are_refused() {
     let dir = with_run();
     std::fs::write(dir.path().join("there.mcap"), "").expect("room");
