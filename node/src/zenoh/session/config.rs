@@ -1,7 +1,7 @@
 //! Settings of the session and of the mirrors.
 
 use super::error::ZenohError;
-use super::session_config::SessionConfig;
+use super::session_config::{SessionConfig, plain};
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
@@ -181,7 +181,7 @@ fn in_range(
 /// True when only this machine can reach the endpoint.
 pub(super) fn is_loopback(endpoint: &str) -> Result<bool, ZenohError> {
     let refuse = |why: &str| ZenohError::Endpoint { endpoint: endpoint.to_owned(), why: why.to_owned() };
-    let parsed: EndPoint = endpoint.parse().map_err(|error| refuse(&format!("{error}")))?;
+    let parsed = endpoint.parse::<EndPoint>().map_err(|error| refuse(&plain(&error)))?;
     if !matches!(parsed.protocol().as_str(), "tcp" | "tls") {
         return Err(refuse("only tcp and tls are built in"));
     }
@@ -247,6 +247,31 @@ mod tests {
         ] {
             let message = refusal(&config);
             assert!(message.contains(word), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_bad_endpoint_is_refused_without_the_source_line_of_the_library() {
+        let message = refusal(&listening("foo"));
+        assert!(message.starts_with("invalid Zenoh endpoint `foo`: "), "{message}");
+        assert!(
+            message.contains(": foo; write it as tcp/ADDRESS:PORT") && !message.contains(".rs"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn refusals_use_the_full_names_of_the_parameters() {
+        let client = ZenohConfig { mode: Some(SessionMode::Client), ..listening("tcp/127.0.0.1:1") };
+        for (config, name) in [
+            (ZenohConfig::default(), "set zenoh.connect"),
+            (ZenohConfig::default(), "zenoh.listen to"),
+            (client, "zenoh.listen"),
+            (listening("tcp/0.0.0.0:7450"), "set zenoh.allow_non_loopback to true"),
+            (ZenohConfig { history_s: -1.0, ..listening("tcp/127.0.0.1:1") }, "zenoh.history_s = -1"),
+        ] {
+            let message = refusal(&config);
+            assert!(message.contains(name), "{message}");
         }
     }
 }

@@ -40,9 +40,9 @@ pub enum FileProblem {
         /// The endpoint, as JSON.
         found: String,
     },
-    /// Multicast scouting is on, without `allow_non_loopback`.
+    /// Multicast scouting is on, without `zenoh.allow_non_loopback`.
     #[error(
-        "scouting/multicast is enabled, which looks for peers on every network; remove it, or set allow_non_loopback = true"
+        "scouting/multicast is enabled, which looks for peers on every network; remove it, or set zenoh.allow_non_loopback to true"
     )]
     Scouting,
     /// A file that the configuration names cannot be opened.
@@ -75,20 +75,24 @@ impl ZenohError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ZenohError {
-    /// Neither `listen` nor `connect` names an endpoint.
+    /// Neither `zenoh.listen` nor `zenoh.connect` names an endpoint.
     #[error(
-        "Zenoh has no endpoint: set `connect` to the address of a router or peer (tcp/127.0.0.1:7447), or \
-         `listen` to the address to listen on; the node does not listen by default"
+        "Zenoh has no endpoint: set zenoh.connect to the address of a router or peer (tcp/127.0.0.1:7447), or \
+         zenoh.listen to the address to listen on; the node does not listen by default"
     )]
     NoEndpoint,
     /// A client cannot listen.
-    #[error("Zenoh mode client only connects: remove `listen` ({}), or use mode peer", listen.join(", "))]
+    #[error(
+        "Zenoh mode client only connects: remove the endpoints in zenoh.listen, or in listen/endpoints of the Zenoh configuration \
+         file ({}), or set zenoh.mode to peer",
+        listen.join(", ")
+    )]
     ClientListens {
         /// The listen endpoints that were given.
         listen: Vec<String>,
     },
     /// A client has no address to connect to.
-    #[error("Zenoh mode client needs `connect`: the address of a router, for example tcp/127.0.0.1:7447")]
+    #[error("Zenoh mode client needs zenoh.connect: the address of a router, for example tcp/127.0.0.1:7447")]
     ClientWithoutConnect,
     /// The text is not an endpoint, or its transport is not built in.
     #[error("invalid Zenoh endpoint `{endpoint}`: {why}; write it as tcp/ADDRESS:PORT or tls/ADDRESS:PORT")]
@@ -98,10 +102,10 @@ pub enum ZenohError {
         /// The fault.
         why: String,
     },
-    /// An endpoint that other machines can reach, without `allow_non_loopback`.
+    /// An endpoint that other machines can reach, without `zenoh.allow_non_loopback`.
     #[error(
         "Zenoh endpoint `{endpoint}` is not on loopback, and traffic is neither encrypted nor authenticated; \
-         use 127.0.0.1, or set allow_non_loopback = true on a network that you trust"
+         use 127.0.0.1, or set zenoh.allow_non_loopback to true on a network that you trust"
     )]
     NotLoopback {
         /// The endpoint as given.
@@ -109,9 +113,9 @@ pub enum ZenohError {
     },
     /// Commands are accepted beyond loopback without access control: anyone on the network could command the damper.
     #[error(
-        "Zenoh endpoint `{endpoint}` is not on loopback and commands are accepted, but there is no access control: give a \
-         configuration file with access_control enabled and default_permission deny (examples are in launch-configs/zenoh/), or \
-         accept no commands"
+        "Zenoh endpoint `{endpoint}` is not on loopback and commands are accepted, but there is no access control: set zenoh.config to \
+         a file with access_control enabled and default_permission deny (examples are in launch-configs/zenoh/), or leave \
+         zenoh.commands empty"
     )]
     AnybodyCommands {
         /// The endpoint as given.
@@ -119,8 +123,8 @@ pub enum ZenohError {
     },
     /// Inputs are accepted beyond loopback without access control: anyone on the network could publish inputs.
     #[error(
-        "Zenoh endpoint `{endpoint}` is not on loopback and zenoh.rmw is both, but there is no access control: give a \
-         configuration file with access_control enabled and default_permission deny, or use rmw = publish, which accepts no inputs"
+        "Zenoh endpoint `{endpoint}` is not on loopback and zenoh.rmw is both, but there is no access control: set zenoh.config to a \
+         file with access_control enabled and default_permission deny, or set zenoh.rmw to publish, which accepts no inputs"
     )]
     AnybodyFeeds {
         /// The endpoint as given.
@@ -142,10 +146,10 @@ pub enum ZenohError {
         /// The known names.
         known: String,
     },
-    /// A setting is out of range.
-    #[error("Zenoh setting {setting} = {value} is out of range: {allowed}")]
+    /// A parameter is out of range.
+    #[error("zenoh.{setting} = {value} is out of range: {allowed}")]
     Setting {
-        /// Name of the setting.
+        /// Name of the parameter, without `zenoh.`.
         setting: &'static str,
         /// Its value.
         value: f64,
@@ -164,8 +168,8 @@ pub enum ZenohError {
     /// The port of a listen address is in use.
     #[error(
         "Zenoh cannot listen at {endpoint}: another process uses this port; stop it (`ss -ltnp` shows it), \
-         or choose another port in `listen`, or put the address into `connect` to use the router \
-         that listens there"
+         or choose another port in zenoh.listen, or put the address into zenoh.connect to use the router that listens there \
+         (in a Zenoh configuration file these are listen/endpoints and connect/endpoints)"
     )]
     PortInUse {
         /// The endpoint as given.
@@ -173,8 +177,8 @@ pub enum ZenohError {
     },
     /// Zenoh refused to open a session.
     #[error(
-        "cannot open a Zenoh session with {endpoints}: {reason}; check the addresses in `listen` and \
-         `connect`"
+        "cannot open a Zenoh session with {endpoints}: {reason}; check these addresses, which come from zenoh.listen, zenoh.connect, \
+         --zenoh or the Zenoh configuration file"
     )]
     Open {
         /// The endpoints as given.

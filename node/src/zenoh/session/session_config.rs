@@ -203,15 +203,18 @@ fn endpoints_of(
     }
 }
 
-/// Zenoh's reason without the source lines that it contains.
+/// Zenoh's reason without the source lines that it contains, each as ` at PATH.rs:LINE.`.
 pub(super) fn plain(error: &zenoh::Error) -> String {
     let text = error.to_string();
-    let mut parts = text.split(" at /");
+    let mut parts = text.split(" at ");
     let mut plain = parts.next().unwrap_or_default().to_owned();
     for part in parts {
         match part.split_once(".rs:") {
-            Some((_, rest)) => plain += rest.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.'),
-            None => plain = plain + " at /" + part,
+            // A relative path has no spaces; other text before `.rs:` is a part of the reason.
+            Some((path, rest)) if path.starts_with('/') || !path.contains(' ') => {
+                plain += rest.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.');
+            }
+            _ => plain = plain + " at " + part,
         }
     }
     plain.trim_end_matches(['.', ' ']).to_owned()
@@ -293,6 +296,8 @@ mod tests {
             ("No key. at /home/x/src/utils.rs:523. at /home/y.rs:7.", "No key"),
             ("No key. at /a/utils.rs:5 - [::1] at /b.rs:6", "No key. - [::1]"),
             ("No file at /etc/keys", "No file at /etc/keys"),
+            ("No form: foo at /root/.cargo/registry/src/x-1.0/src/core/endpoint.rs:615.", "No form: foo"),
+            ("No key at io/zenoh-link/src/lib.rs:9. - Caused by x at C:\\y.rs:3.", "No key - Caused by x"),
         ] {
             assert_eq!(plain(&text.into()), expected);
         }
