@@ -6,20 +6,26 @@ use crate::commands::context::CliContext;
 use crate::commands::run_args::RunArgs;
 use crate::ros2::participant;
 use crate::settings::config::Config;
-use crate::settings::error::NodeError;
+use crate::settings::error::{NodeError, PartError};
 use crate::streams::player::{Keys, NODE, PlaybackOptions, Played, Player, Rate};
 use crate::views::foxglove::args::FoxgloveArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_base::shown;
+use mr_damper_model::sample::Run;
 use mr_damper_views::serve::AllowedOrigin;
-use std::path::PathBuf;
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
 /// Play recorded runs onto the node's input topics.
 ///
 /// Runs are CSV files, rosbag2 directories, bare .mcap or .db3 files, or logs of a CAN bus. The original spacing of samples is kept. Stamps
-/// are shifted so that the first sample is now; with --clock they are kept, and /clock is published.
+/// are shifted so that the first sample is now; with --clock they are kept, and /clock is published. Only the topics of the channels that
+/// the runs have are published.
+///
+/// At another speed than 1 the stamps keep their spacing too, so a live node needs simulated time: --clock here, and
+/// use_sim_time:=true on the node.
 ///
 /// In a terminal, space pauses and resumes, right arrow or s plays one sample while paused, up and down change the speed
 /// by a tenth, and q ends the command. The services of `ros2 bag play` work too: ~/pause, ~/resume, ~/toggle_paused,
@@ -122,10 +128,79 @@ impl FromStr for ClockRate {
     }
 }
 
+/// `--start` is beyond the end of a run, so nothing of it would be played.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{}: --start {start_s} is beyond the end of the run, which is {length_s:.3} s long; give a smaller --start", run.display())]
+struct StartBeyondEnd {
+    /// Path of the run.
+    run: PathBuf,
+    /// The value of `--start`.
+    start_s: f64,
+    /// Time from the run's first to its last sample.
+    length_s: f64,
+}
+
+impl PartError for StartBeyondEnd {
+    fn is_wrong_usage(&self) -> bool {
+        true
+    }
+}
+
+/// Refuses a start beyond the end of the run at `path`, which is `length_s` long.
+///
+/// # Errors
+/// [`StartBeyondEnd`].
+fn check_start(start_s: f64, path: &Path, length_s: f64) -> Result<(), StartBeyondEnd> {
+    if start_s > length_s {
+        return Err(StartBeyondEnd { run: path.to_owned(), start_s, length_s });
+    }
+    Ok(())
+}
+
+/// Time from the first to the last sample of all channels, s.
+fn length_s(run: &Run) -> f64 {
+    let mut stamps = run.samples().map(|sample| sample.stamp);
+    let Some(first) = stamps.next() else { return 0.0 };
+    stamps.last().map_or(0.0, |last| last.since(first).get())
+}
+
+/// Warns once that stamps keep their recorded spacing although the speed is not 1 and no time is published.
+struct SpacingWarning {
+    /// True if /clock is published.
+    clock: bool,
+    is_given: Cell<bool>,
+}
+
+impl SpacingWarning {
+    fn new(clock: bool) -> Self {
+        Self { clock, is_given: Cell::new(false) }
+    }
+
+    /// Warns if it is due at the speed `rate`.
+    fn look(&self, rate: Rate) {
+        if !self.is_due(rate) {
+            return;
+        }
+        self.is_given.set(true);
+        let speed = match rate {
+            Rate::Times(rate) => rate.to_string(),
+            Rate::Max => "max".to_owned(),
+        };
+        tracing::warn!(
+            "the runs are played at the rate {speed}, but their stamps keep the recorded spacing and drift from the system time: a live node \
+             flags samples as STAMP_AHEAD or LATE, and refuses some; use --clock here and use_sim_time:=true on the node"
+        );
+    }
+
+    fn is_due(&self, rate: Rate) -> bool {
+        !self.clock && !self.is_given.get() && rate != Rate::Times(1.0)
+    }
+}
+
 /// Plays the runs.
 ///
 /// # Errors
-/// When a run does not load or ROS does not start.
+/// When a run does not load, `--start` is beyond its end, or ROS does not start.
 pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     if args.foxglove.foxglove.is_some() {
         return to_viewers::run(args, context);
@@ -135,9 +210,13 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let ros_args = context.ros_args.with_topics_renamed(&args.remap, &Player::TOPICS)?;
     let mut runs = Vec::with_capacity(args.runs.len());
     for path in &args.runs {
-        runs.push(args.load.load(path)?.run);
+        let run = args.load.load(path)?.run;
+        check_start(args.start, path, length_s(&run))?;
+        runs.push(run);
     }
-    let mut player = Player::start(&config, &ros_args, args.clock.is_some())?;
+    let spacing = SpacingWarning::new(args.clock.is_some());
+    spacing.look(args.rate);
+    let mut player = Player::start_for(&runs, &config, &ros_args, args.clock.is_some())?;
     player.offer_services(&ros_args)?;
     if args.start_paused {
         player.control().pause();
@@ -155,6 +234,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
             let bar = progress(&run.name, run.duration().get(), &options, context.quiet);
             player.play(run, &options, &mut played, &context.interrupt, keys.as_ref(), &|at_s| {
                 bar.set_position((at_s * 1e3) as u64);
+                // A key or ~/set_rate may have changed the speed.
+                spacing.look(player.control().rate());
             });
             bar.finish_and_clear();
             player.check()?;
@@ -186,4 +267,44 @@ fn progress(name: &str, whole_s: f64, options: &PlaybackOptions, quiet: bool) ->
         .with_style(style)
         .with_prefix(format!("{length_s:.0} s"))
         .with_message(shown::line(name).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mr_damper_model::sample::{Stamp, Trace};
+
+    fn trace(seconds: &[i64]) -> Trace {
+        let stamps: Vec<Stamp> = seconds.iter().map(|s| Stamp::from_nanos(s * 1_000_000_000)).collect();
+        Trace { values: vec![0.0; stamps.len()], stamps }
+    }
+
+    #[test]
+    fn a_start_beyond_the_end_is_refused_with_the_length() {
+        let mut run = Run { displacement_m: trace(&[10, 20]), ..Run::default() };
+        assert_eq!(length_s(&Run::default()), 0.0);
+        assert_eq!(length_s(&run), 10.0);
+        run.force_n = Some(trace(&[10, 25]));
+        assert!((length_s(&run) - 15.0).abs() < 1e-9, "the last sample of all channels counts");
+        let path = Path::new("run.csv");
+        assert_eq!(check_start(15.0, path, length_s(&run)), Ok(()));
+        let refusal = check_start(100.0, path, length_s(&run)).expect_err("it is beyond the end");
+        assert!(refusal.is_wrong_usage());
+        assert_eq!(
+            refusal.to_string(),
+            "run.csv: --start 100 is beyond the end of the run, which is 15.000 s long; give a smaller --start"
+        );
+    }
+
+    #[test]
+    fn another_speed_without_a_clock_is_warned_of_once() {
+        let spacing = SpacingWarning::new(false);
+        assert!(!spacing.is_due(Rate::Times(1.0)));
+        for rate in [Rate::Times(4.0), Rate::Times(0.5), Rate::Max] {
+            assert!(spacing.is_due(rate), "{rate:?}");
+            assert!(!SpacingWarning::new(true).is_due(rate), "{rate:?}: /clock is published");
+        }
+        spacing.look(Rate::Times(4.0));
+        assert!(!spacing.is_due(Rate::Times(0.5)), "it was said");
+    }
 }

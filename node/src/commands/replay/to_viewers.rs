@@ -1,6 +1,6 @@
 //! `mr-damper replay --foxglove`: plays recorded runs to viewers, without ROS.
 
-use super::{Args, progress};
+use super::{Args, check_start, progress};
 use crate::commands::context::CliContext;
 use crate::commands::run_args::{RunArgs, log_notes};
 use crate::settings::error::NodeError;
@@ -20,12 +20,15 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Plays the runs, then keeps the viewers connected until a signal comes.
 ///
 /// # Errors
-/// When an option is only for ROS, a run does not load, or the address cannot be used.
+/// When an option is only for ROS, a run does not load, `--start` is beyond its end, or the address cannot be used.
 pub(super) fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     refuse_options_of_ros(args)?;
     args.foxglove.check(args.any_host)?;
     let load = |path: &std::path::PathBuf| recording(&args.load, path);
     let recordings = args.runs.iter().map(load).collect::<Result<Vec<Recording>, NodeError>>()?;
+    for (path, recording) in args.runs.iter().zip(&recordings) {
+        check_start(args.start, path, length_s(recording))?;
+    }
     let channels = Arc::new(Channels::recorded(system_now().nanos().to_string()));
     let played: Vec<_> =
         recordings.iter().map(|recording| PlayedRecording::new(recording, &channels)).collect();
@@ -61,8 +64,7 @@ fn play(
     let is_over = || interrupt.is_raised() || !server.is_alive();
     while !is_over() {
         for ((path, recording), played) in args.runs.iter().zip(recordings).zip(played) {
-            let whole_s = recording.range().map_or(0.0, |(first, last)| last.since(first).get());
-            let bar = progress(&path.display().to_string(), whole_s, &options, context.quiet);
+            let bar = progress(&path.display().to_string(), length_s(recording), &options, context.quiet);
             messages += played.play(&options, &control, interrupt, keys.as_ref(), &|at_s| {
                 bar.set_position((at_s * 1e3) as u64);
             });
@@ -79,6 +81,11 @@ fn play(
         }
         interrupt.sleep_until(Instant::now() + LOOK_EVERY);
     }
+}
+
+/// Time from the first to the last message, s.
+fn length_s(recording: &Recording) -> f64 {
+    recording.range().map_or(0.0, |(first, last)| last.since(first).get())
 }
 
 /// The run at `path` as messages: all messages of a bag, unless an option says how channels are read from it; else its columns.

@@ -19,9 +19,9 @@ use crate::settings::error::{NodeError, PartError};
 use crate::settings::interrupt::Interrupt;
 use crate::settings::task::Task;
 use mr_damper_base::clock::system_now;
-use mr_damper_model::sample::{Drive, Reading, Run, Sample, Stamp};
+use mr_damper_model::sample::{Drive, DriveKind, Reading, Run, Sample, Stamp};
 use mr_damper_msgs::standard::{Clock, Temperature, Time};
-use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Velocity};
+use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
 use ros2_client::NodeOptions;
 use rustdds::GUID;
 use std::str::FromStr;
@@ -107,20 +107,20 @@ impl Default for PlaybackOptions {
     }
 }
 
-/// Publishers for all input topics.
+/// Publishers for the input topics. `None` is a topic that the player does not publish.
 pub struct Player {
     ros: Ros,
     node: String,
     control: Arc<Control>,
     services: Option<Task>,
     displacement: Output<Displacement>,
-    velocity: Output<Velocity>,
-    coil_current: Output<CoilCurrent>,
-    command_voltage: Output<CommandVoltage>,
-    force: Output<Force>,
-    temperature: Output<Temperature>,
-    body_velocity: Output<Velocity>,
-    force_request: Output<Force>,
+    velocity: Option<Output<Velocity>>,
+    coil_current: Option<Output<CoilCurrent>>,
+    command_voltage: Option<Output<CommandVoltage>>,
+    force: Option<Output<Force>>,
+    temperature: Option<Output<Temperature>>,
+    body_velocity: Option<Output<Velocity>>,
+    force_request: Option<Output<Force>>,
     clock: Option<Output<Clock>>,
 }
 
@@ -151,23 +151,47 @@ impl Player {
         "~/seek",
     ];
 
-    /// Joins the domain as `mr_damper_replay`, in the namespace of the ROS arguments. With `clock` it also publishes /clock.
+    /// Joins the domain as `mr_damper_replay`, in the namespace of the ROS arguments, and publishes all input topics. With `clock` it also
+    /// publishes /clock.
     ///
     /// # Errors
     /// When ROS does not start.
     pub fn start(config: &Config, ros_args: &RosArgs, clock: bool) -> Result<Self, NodeError> {
-        let args = ros_args;
+        Self::start_with(config, ros_args, clock, &|_| true)
+    }
+
+    /// Starts like [`Player::start`], but publishes only the topics of the channels that `runs` have, so that other nodes can publish the
+    /// other inputs.
+    ///
+    /// # Errors
+    /// When ROS does not start.
+    pub fn start_for(
+        runs: &[Run],
+        config: &Config,
+        ros_args: &RosArgs,
+        clock: bool,
+    ) -> Result<Self, NodeError> {
+        Self::start_with(config, ros_args, clock, &|topic| runs.iter().any(|run| has_channel(run, topic)))
+    }
+
+    /// Starts with publishers on the topics for which `is_played` is true, and on `displacement`, which every run has.
+    fn start_with(
+        config: &Config,
+        args: &RosArgs,
+        clock: bool,
+        is_played: &dyn Fn(&str) -> bool,
+    ) -> Result<Self, NodeError> {
         let name = args.node.as_deref().unwrap_or(NODE);
         let mut ros = Ros::start(config, args, NodeOptions::new().enable_rosout(false), name)?;
         Ok(Self {
             displacement: ros.publish_run(&args.topic("displacement"))?,
-            velocity: ros.publish_run(&args.topic("velocity"))?,
-            coil_current: ros.publish_run(&args.topic("coil_current"))?,
-            command_voltage: ros.publish_run(&args.topic("command_voltage"))?,
-            force: ros.publish_run(&args.topic("measured_force"))?,
-            temperature: ros.publish_run(&args.topic("case_temperature"))?,
-            body_velocity: ros.publish_run(&args.topic("body_velocity"))?,
-            force_request: ros.publish_run(&args.topic("force_request"))?,
+            velocity: output(&mut ros, args, "velocity", is_played)?,
+            coil_current: output(&mut ros, args, "coil_current", is_played)?,
+            command_voltage: output(&mut ros, args, "command_voltage", is_played)?,
+            force: output(&mut ros, args, "measured_force", is_played)?,
+            temperature: output(&mut ros, args, "case_temperature", is_played)?,
+            body_velocity: output(&mut ros, args, "body_velocity", is_played)?,
+            force_request: output(&mut ros, args, "force_request", is_played)?,
             clock: if clock { Some(ros.publish(&args.topic("/clock"))?) } else { None },
             ros,
             node: name.to_owned(),
@@ -200,14 +224,18 @@ impl Player {
         &self.control
     }
 
-    /// Waits until displacement, force and a drive have subscribers; false after `timeout` or on a signal.
+    /// Waits until displacement, force and a drive, if they are played, have subscribers; false after `timeout` or on a signal.
     pub fn wait_for_listener(&self, timeout: Duration, interrupt: &Interrupt) -> bool {
         let deadline = Instant::now() + timeout;
-        let readers = |publisher: GUID| self.ros.readers_of(publisher);
+        let is_read = |publisher: GUID| self.ros.readers_of(publisher) > 0;
+        let force = self.force.as_ref().map(Output::guid);
+        let current = self.coil_current.as_ref().map(Output::guid);
+        let voltage = self.command_voltage.as_ref().map(Output::guid);
         let listened = || {
-            readers(self.displacement.guid()) > 0
-                && readers(self.force.guid()) > 0
-                && readers(self.coil_current.guid()) + readers(self.command_voltage.guid()) > 0
+            let has_no_drive = current.is_none() && voltage.is_none();
+            is_read(self.displacement.guid())
+                && force.is_none_or(is_read)
+                && (has_no_drive || current.is_some_and(is_read) || voltage.is_some_and(is_read))
         };
         while !listened() {
             if Instant::now() >= deadline
@@ -220,7 +248,8 @@ impl Player {
         interrupt.sleep_until(Instant::now() + Duration::from_millis(300))
     }
 
-    /// Plays one run; `at` is called with the number of seconds played so far.
+    /// Plays one run; `at` is called with the number of seconds played so far. Samples of a channel that the player does not publish count
+    /// as failed.
     ///
     /// Stamps are shifted so that the first sample, and the first sample after a jump, are now. A pause does not change the
     /// shift. With a clock the recorded stamps are kept.
@@ -264,22 +293,24 @@ impl Player {
             Reading::Displacement(x) => {
                 self.displacement.publish(Displacement { header, displacement: x.get(), variance })
             }
-            Reading::Velocity(v) => self.velocity.publish(Velocity { header, velocity: v.get(), variance }),
+            Reading::Velocity(v) => {
+                publish(self.velocity.as_ref(), Velocity { header, velocity: v.get(), variance })
+            }
             Reading::Drive(Drive::CoilCurrent(i)) => {
-                self.coil_current.publish(CoilCurrent { header, current: i.get(), variance })
+                publish(self.coil_current.as_ref(), CoilCurrent { header, current: i.get(), variance })
             }
             Reading::Drive(Drive::CommandVoltage(u)) => {
-                self.command_voltage.publish(CommandVoltage { header, voltage: u.get(), variance })
+                publish(self.command_voltage.as_ref(), CommandVoltage { header, voltage: u.get(), variance })
             }
-            Reading::Force(f) => self.force.publish(Force { header, force: f.get(), variance }),
+            Reading::Force(f) => publish(self.force.as_ref(), Force { header, force: f.get(), variance }),
             Reading::CaseTemperature(t) => {
-                self.temperature.publish(Temperature { header, temperature: t.get(), variance })
+                publish(self.temperature.as_ref(), Temperature { header, temperature: t.get(), variance })
             }
             Reading::BodyVelocity(v) => {
-                self.body_velocity.publish(Velocity { header, velocity: v.get(), variance })
+                publish(self.body_velocity.as_ref(), Velocity { header, velocity: v.get(), variance })
             }
             Reading::ForceRequest(f) => {
-                self.force_request.publish(Force { header, force: f.get(), variance })
+                publish(self.force_request.as_ref(), Force { header, force: f.get(), variance })
             }
         }
     }
@@ -296,6 +327,36 @@ impl Player {
         drop((temperature, body_velocity, force_request, clock));
         ros.stop();
     }
+}
+
+/// True if `run` has samples for the input topic `topic`.
+fn has_channel(run: &Run, topic: &str) -> bool {
+    match topic {
+        "displacement" => true,
+        "velocity" => run.velocity_m_s.is_some(),
+        "coil_current" => run.drive_kind() == Some(DriveKind::CoilCurrent),
+        "command_voltage" => run.drive_kind() == Some(DriveKind::CommandVoltage),
+        "measured_force" => run.force_n.is_some(),
+        "case_temperature" => run.case_temp_c.is_some(),
+        "body_velocity" => run.body_velocity_m_s.is_some(),
+        "force_request" => run.force_request_n.is_some(),
+        _ => false,
+    }
+}
+
+/// A publisher on the input topic `topic`, if it is played.
+fn output<M: Message>(
+    ros: &mut Ros,
+    args: &RosArgs,
+    topic: &str,
+    is_played: &dyn Fn(&str) -> bool,
+) -> Result<Option<Output<M>>, NodeError> {
+    is_played(topic).then(|| ros.publish_run(&args.topic(topic))).transpose()
+}
+
+/// Publishes on `output`; without one, the message counts as not taken.
+fn publish<M: Message>(output: Option<&Output<M>>, message: M) -> Result<(), NotTaken> {
+    output.ok_or(NotTaken)?.publish(message)
 }
 
 /// A run while it is played.
@@ -378,4 +439,37 @@ fn tick(
     let next = if due + period > now { due + period } else { now + period };
     *next_tick = Some(next);
     next - now
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mr_damper_model::sample::Trace;
+
+    #[test]
+    fn only_the_channels_of_a_run_have_topics() {
+        let topics = |run: &Run| -> Vec<&str> {
+            Player::TOPICS.into_iter().filter(|topic| has_channel(run, topic)).collect()
+        };
+        let mut run = Run::default();
+        assert_eq!(topics(&run), ["displacement"]);
+        run.force_n = Some(Trace::default());
+        run.drive = Some((DriveKind::CommandVoltage, Trace::default()));
+        assert_eq!(topics(&run), ["displacement", "command_voltage", "measured_force"]);
+        run.drive = Some((DriveKind::CoilCurrent, Trace::default()));
+        run.velocity_m_s = Some(Trace::default());
+        run.case_temp_c = Some(Trace::default());
+        run.body_velocity_m_s = Some(Trace::default());
+        run.force_request_n = Some(Trace::default());
+        let all_but_voltage = [
+            "displacement",
+            "velocity",
+            "coil_current",
+            "measured_force",
+            "case_temperature",
+            "body_velocity",
+            "force_request",
+        ];
+        assert_eq!(topics(&run), all_but_voltage);
+    }
 }
