@@ -2,6 +2,7 @@
 
 use crate::settings::config::{Config, InputConfig, RosArgs};
 use crate::settings::error::NodeError;
+use mr_damper_base::shown;
 use mr_damper_msgs::standard::{Float64, Header, JointState, Temperature};
 use mr_damper_msgs::{
     CdrError, CoilCurrent, CommandVoltage, Descriptor, Displacement, Force, Message, Velocity, cdr,
@@ -36,8 +37,61 @@ impl Number {
     }
 }
 
-/// The number read from a message; `None` if the message does not contain it.
-pub(super) type ReadNumber = Option<Number>;
+/// The number read from a message, or why the message does not contain it.
+pub(super) type ReadNumber = Result<Number, JointError>;
+
+/// Maximum number of joints that a [`JointError`] names.
+const LISTED_JOINTS: usize = 8;
+
+/// Reasons why a `JointState` does not contain the number of an input.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub(super) enum JointError {
+    /// The message does not name the joint.
+    #[error(
+        "the joint {joint} is not in the message, which has {}; set {input}.joint to the joint of this damper",
+        listed(joints, *others)
+    )]
+    Absent {
+        /// The joint that is read.
+        joint: String,
+        /// The input, by its name in the node.
+        input: &'static str,
+        /// The first joints of the message.
+        joints: Vec<String>,
+        /// Number of further joints.
+        others: usize,
+    },
+    /// The message names the joint, but the number is not there.
+    #[error(
+        "the joint {joint} has no {quantity} in the message; let its publisher send the {quantity} of each joint, or set {input}.joint \
+         to another joint"
+    )]
+    NoNumber {
+        /// The joint that is read.
+        joint: String,
+        /// The input, by its name in the node.
+        input: &'static str,
+        /// The missing quantity.
+        quantity: &'static str,
+    },
+}
+
+impl JointError {
+    fn absent(joint: &str, input: &'static str, all: &[String]) -> Self {
+        let joints: Vec<String> = all.iter().take(LISTED_JOINTS).map(|name| shown::name(name)).collect();
+        let others = all.len().saturating_sub(joints.len());
+        Self::Absent { joint: joint.to_owned(), input, joints, others }
+    }
+}
+
+/// The joints of a message in words.
+fn listed(joints: &[String], others: usize) -> String {
+    match (joints, others) {
+        ([], _) => "no joints".to_owned(),
+        (joints, 0) => format!("the joints {}", joints.join(", ")),
+        (joints, others) => format!("the joints {} and {others} more", joints.join(", ")),
+    }
+}
 
 /// A message with one number.
 pub(super) trait CarriesNumber: Message {
@@ -66,15 +120,22 @@ impl CarriesNumber for Float64 {
 }
 
 /// The number of one joint: position, velocity or effort, depending on `topic`.
-pub(super) fn of_joint(message: JointState, topic: &str, joint: &str) -> ReadNumber {
-    let index = message.name.iter().position(|name| name == joint)?;
-    let column = match topic {
-        "displacement" => message.position,
-        "velocity" | "body_velocity" => message.velocity,
-        _ => message.effort,
+///
+/// # Errors
+/// When the message does not name the joint, or does not have the number.
+pub(super) fn of_joint(message: JointState, topic: &'static str, joint: &str) -> ReadNumber {
+    let Some(index) = message.name.iter().position(|name| name == joint) else {
+        return Err(JointError::absent(joint, topic, &message.name));
     };
-    let value = *column.get(index)?;
-    Some(Number::new(message.header, value))
+    let (column, quantity) = match topic {
+        "displacement" => (message.position, "position"),
+        "velocity" | "body_velocity" => (message.velocity, "velocity"),
+        _ => (message.effort, "effort"),
+    };
+    match column.get(index) {
+        Some(value) => Ok(Number::new(message.header, *value)),
+        None => Err(JointError::NoNumber { joint: joint.to_owned(), input: topic, quantity }),
+    }
 }
 
 /// The joint that is read for `topic`.
@@ -164,7 +225,7 @@ impl Reader {
     }
 
     fn plain<M: CarriesNumber>() -> Self {
-        let read = |bytes: &[u8]| Ok(Some(cdr::from_slice::<M>(bytes)?.taken()));
+        let read = |bytes: &[u8]| Ok(Ok(cdr::from_slice::<M>(bytes)?.taken()));
         Self { of: Descriptor::of::<M>(), read: Box::new(read) }
     }
 
@@ -203,7 +264,7 @@ mod tests {
         let header = Header { stamp: Time { sec: 1, nanosec: 5 }, frame_id: "rig".to_owned() };
         let own = InputConfig::default();
         let number = |value| Number { stamp_ns: 1_000_000_005, value, frame_id: "rig".to_owned() };
-        let (variance, expected) = (9.0, Some(number(0.25)));
+        let (variance, expected) = (9.0, Ok(number(0.25)));
         for topic in TOPICS {
             let header = header.clone();
             let taken = match topic {
@@ -219,7 +280,7 @@ mod tests {
             assert_eq!(taken, expected, "{topic}");
             let unstamped = read(topic, &settings(Float64::TYPE, ""), &Float64 { data: 0.25 });
             let plain = Number { value: 0.25, ..Number::default() };
-            assert_eq!(unstamped, Some(plain), "{topic}: without stamp and frame");
+            assert_eq!(unstamped, Ok(plain), "{topic}: without stamp and frame");
         }
         let joints = JointState {
             header,
@@ -236,10 +297,32 @@ mod tests {
             ("displacement", "middle", None),
         ] {
             let taken = read(topic, &settings(JointState::TYPE, joint), &joints);
-            assert_eq!(taken, value.map(number), "{topic} {joint}");
+            assert_eq!(taken.ok(), value.map(number), "{topic} {joint}");
         }
         let nameless = Reader::of("displacement", &settings(JointState::TYPE, ""));
         let why = nameless.err().expect("a joint is missing").to_string();
         assert!(why.contains("displacement.joint"), "{why}");
+    }
+
+    #[test]
+    fn a_missing_joint_is_named_with_the_joints_of_the_message_and_the_parameter() {
+        let message = |names: &[&str]| JointState {
+            name: names.iter().map(|name| (*name).to_owned()).collect(),
+            ..JointState::default()
+        };
+        let why = |names: &[&str], topic, joint| {
+            of_joint(message(names), topic, joint).expect_err("the number is missing").to_string()
+        };
+        assert_eq!(
+            why(&["front", "rear"], "displacement", "middle"),
+            "the joint middle is not in the message, which has the joints front, rear; set displacement.joint to the joint of this \
+             damper"
+        );
+        assert!(why(&[], "velocity", "middle").contains("which has no joints; set velocity.joint"));
+        let many = ["a", "b", "c", "d", "e", "f", "g", "h", "i", "j"];
+        assert!(why(&many, "displacement", "x").contains("the joints a, b, c, d, e, f, g, h and 2 more;"));
+        assert!(why(&["a\u{1b}"], "displacement", "x").contains("the joints a\\u{1b};"));
+        let unfilled = why(&["front"], "measured_force", "front");
+        assert!(unfilled.starts_with("the joint front has no effort in the message"), "{unfilled}");
     }
 }

@@ -6,6 +6,7 @@ mod input;
 pub mod queued;
 pub mod ros_source;
 mod stamp;
+mod unusable;
 mod writers;
 pub mod zenoh;
 

@@ -12,6 +12,7 @@
 use super::collate::Collator;
 use super::input::{CarriesNumber, Number, ReadNumber, TOPICS, is_estimated_from, joint_of, of_joint};
 use super::stamp::{NodeTime, SampleOrigin, Stamper, Ticks, Times};
+use super::unusable::UnusableMessages;
 use super::writers::Writers;
 use crate::estimation::control::Control;
 use crate::estimation::estimator::SampleSink;
@@ -32,6 +33,7 @@ use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, 
 use ros2_client::{MessageInfo, ReadResult, Subscription};
 use rtrb::Consumer;
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -74,6 +76,8 @@ pub struct SourceCounters {
     writers: Mutex<[Writers; TOPICS.len()]>,
     /// The names of the nodes of publishers on rmw_zenoh.
     names: Mutex<BTreeMap<Writer, String>>,
+    /// The messages of `unreadable`, by topic.
+    unusable: Mutex<UnusableMessages>,
 }
 
 /// The subscription of an input topic, by message type.
@@ -91,6 +95,8 @@ enum Input {
 /// An input topic with its sign and offset.
 struct InputChannel {
     topic: &'static str,
+    /// Full name of the topic, after remapping.
+    full_name: String,
     input: Input,
     sign: f64,
     offset: f64,
@@ -130,7 +136,8 @@ impl RosSource {
         for topic in TOPICS {
             let settings = config.input(topic).cloned().unwrap_or_default();
             let input = subscribe(ros, args, topic, &settings)?;
-            channels.push(InputChannel { topic, input, sign: settings.sign, offset: settings.offset });
+            let (full_name, sign, offset) = (args.topic(topic), settings.sign, settings.offset);
+            channels.push(InputChannel { topic, full_name, input, sign, offset });
         }
         let counters = Arc::new(SourceCounters::default());
         let wait = Duration::from_secs_f64(config.align_wait_s);
@@ -207,7 +214,7 @@ impl InputChannel {
             of: &Subscription<M>,
         ) -> LocalBoxStream<'_, ReadResult<(ReadNumber, SampleOrigin)>> {
             messages(of)
-                .map(|message| message.map(|(message, origin)| (Some(message.taken()), origin)))
+                .map(|message| message.map(|(message, origin)| (Ok(message.taken()), origin)))
                 .boxed_local()
         }
         match &self.input {
@@ -298,7 +305,7 @@ impl PollingRound<'_> {
             stamp_ns => Some(Stamp::from_nanos(stamp_ns)),
         };
         let Some(stamp) = stamp else {
-            self.counters.note_unreadable(channel.topic, UNTIMED);
+            self.counters.note_unreadable(&channel.full_name, &UNTIMED);
             return;
         };
         if index == 0 {
@@ -312,7 +319,7 @@ impl PollingRound<'_> {
         let (received, reading) = (self.received, Reading::ForceRequest(force));
         match stamp {
             None if matches!(self.times.node, NodeTime::Awaited) => {
-                self.counters.note_unreadable("force_request", UNTIMED);
+                self.counters.note_unreadable("force_request", &UNTIMED);
             }
             stamp => self.batch.push(Sample { stamp: stamp.unwrap_or(received), received, reading }),
         }
@@ -360,11 +367,9 @@ impl SourceThread {
                 {
                     counters.messages.fetch_add(1, Ordering::Relaxed);
                     match taken {
-                        Ok((Some(number), origin)) => round.take(index, &number, &origin),
-                        Ok((None, _)) => {
-                            counters.note_unreadable(channel.topic, "the joint is not in the message")
-                        }
-                        Err(error) => counters.note_unreadable(channel.topic, &error.to_string()),
+                        Ok((Ok(number), origin)) => round.take(index, &number, &origin),
+                        Ok((Err(error), _)) => counters.note_unreadable(&channel.full_name, &error),
+                        Err(error) => counters.note_unreadable(&channel.full_name, &error),
                     }
                 }
             }
@@ -450,10 +455,11 @@ impl SourceCounters {
         }
     }
 
-    /// Counts a message that gave no sample, and logs the first and every doubling of the count.
-    pub(super) fn note_unreadable(&self, topic: &str, why: &str) {
-        let count = self.unreadable.fetch_add(1, Ordering::Relaxed) + 1;
-        if count.is_power_of_two() {
+    /// Counts a message of `topic` that gave no sample. Logs the first of the topic, then at most one per second.
+    pub(super) fn note_unreadable(&self, topic: &str, why: &dyn Display) {
+        self.unreadable.fetch_add(1, Ordering::Relaxed);
+        let due = self.unusable.lock().unwrap_or_else(PoisonError::into_inner).note(topic, Instant::now());
+        if let Some(count) = due {
             tracing::warn!(topic, count, "a message cannot be used: {why}");
         }
     }

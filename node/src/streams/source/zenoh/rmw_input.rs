@@ -14,7 +14,7 @@
 use crate::settings::config::{Config, RosArgs};
 use crate::settings::error::NodeError;
 use crate::streams::sink::zenoh::{RmwCounters, RmwPresence};
-use crate::streams::source::input::{ReadNumber, Reader, TOPICS};
+use crate::streams::source::input::{JointError, ReadNumber, Reader, TOPICS};
 use crate::streams::source::queued::QueuedInput;
 use crate::streams::source::ros_source::{RosSource, SourceCounters};
 use crate::streams::source::stamp::SampleOrigin;
@@ -70,6 +70,7 @@ impl RmwSource {
             let wakes = name == TOPICS[0] || reader.is_unstamped();
             let endpoint = InputEndpoint {
                 key: presence.node.key(&topic, &of),
+                topic: topic.clone(),
                 name,
                 input,
                 reader,
@@ -162,6 +163,8 @@ fn declare(
 /// The entry point for samples of one input.
 struct InputEndpoint {
     key: String,
+    /// Full name of the topic, after remapping.
+    topic: String,
     name: &'static str,
     input: usize,
     reader: Reader,
@@ -186,8 +189,8 @@ enum InputError {
     TooLong { bytes: usize },
     #[error(transparent)]
     Message(#[from] CdrError),
-    #[error("the joint is not in the message")]
-    NoJoint,
+    #[error(transparent)]
+    Joint(#[from] JointError),
     #[error("the queue is full; the node does not keep up")]
     QueueFull,
 }
@@ -196,7 +199,7 @@ impl InputEndpoint {
     fn take(&self, sample: &Sample) {
         let (input, name) = (self.input, self.name);
         let handed_on = self.read(sample).and_then(|(taken, origin)| {
-            let number = taken.ok_or(InputError::NoJoint)?;
+            let number = taken?;
             let arrived = QueuedInput { input, number, origin };
             self.queue.try_send(arrived).map_err(|_| InputError::QueueFull)
         });
@@ -210,7 +213,7 @@ impl InputEndpoint {
             Err(why) => {
                 self.counters.refuse(&format!("{name}: {why}"));
                 self.of_source.messages.fetch_add(1, Ordering::Relaxed);
-                self.of_source.note_unreadable(name, &why.to_string());
+                self.of_source.note_unreadable(&self.topic, &why);
             }
         }
     }
