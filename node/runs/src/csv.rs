@@ -11,11 +11,12 @@
 mod begin;
 mod header;
 mod lines;
+mod reading;
 
 use super::column::{Column, Quantity, THESIS_ORDER};
 use super::decimal::{parse_nanos, seconds_text};
 use super::error::MapFault;
-use super::map::{Channel, Convert, Map, Mapping};
+use super::map::{Channel, Map, Mapping};
 use super::names::topic_of;
 use super::suggest;
 use super::unit::{self, TIME, TimeUnit, Unit};
@@ -25,6 +26,7 @@ use csv::ByteRecord;
 use header::{HeaderFault, ROWS_COMPARED, shown, without_bom};
 use lines::Lines;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
+use reading::{Reading, Use};
 use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
@@ -187,50 +189,6 @@ impl Row for ByteRecord {
 
     fn text(&self, field: usize) -> String {
         String::from_utf8_lossy(&self[field]).into_owned()
-    }
-}
-
-/// Use of a column.
-#[derive(Debug, Clone, Copy)]
-enum Use {
-    Time,
-    Known(Quantity, Convert),
-    Other,
-}
-
-impl Use {
-    fn by_name(header: &str) -> Self {
-        match Column::of_header(header) {
-            Column::Time => Self::Time,
-            Column::Known(quantity, to_si) => Self::Known(quantity, Convert::plain(to_si)),
-            Column::Other => Self::Other,
-        }
-    }
-
-    /// True if `map` has a source for this use.
-    fn is_mapped(self, map: &Map) -> bool {
-        match self {
-            Self::Time => map.of_time().is_some(),
-            Self::Known(quantity, _) => map.of(quantity).is_some(),
-            Self::Other => false,
-        }
-    }
-}
-
-/// One channel while it is read.
-struct Reading {
-    /// Index of its field in a row.
-    field: usize,
-    /// The header as written, for messages.
-    header: String,
-    what: Use,
-    trace: Trace,
-    empty: u64,
-}
-
-impl Reading {
-    fn new(field: usize, header: &str, what: Use) -> Self {
-        Self { field, header: header.to_owned(), what, trace: Trace::default(), empty: 0 }
     }
 }
 
@@ -459,21 +417,23 @@ impl<'a> Table<'a> {
             return Err(RunError::TimeOrder { path: path(), line, column, value, previous });
         }
         self.values.clear();
-        for column in &self.columns {
+        for column in &mut self.columns {
             let value = match &column.what {
-                _ if row.is_empty(column.field) => None,
+                _ if row.is_empty(column.field) || column.first_text.is_some() => None,
                 Use::Time => None,
                 Use::Known(_, convert) => {
                     let raw =
                         row.number(column.field).ok_or_else(|| cell(column.field, "is not a number"))?;
                     Some(convert.apply(raw))
                 }
-                Use::Other => Some(row.number(column.field).ok_or_else(|| {
-                    cell(
-                        column.field,
-                        "is not a number, and only numbers are carried through: remove the column",
-                    )
-                })?),
+                Use::Other => match row.number(column.field) {
+                    None if column.trace.is_empty() => {
+                        column.first_text = Some((line, row.text(column.field)));
+                        None
+                    }
+                    None => return Err(cell(column.field, "is not a number, as the cells above it are")),
+                    number => number,
+                },
             };
             if value.is_some_and(|value| !value.is_finite()) {
                 return Err(cell(column.field, "is not finite"));
@@ -505,7 +465,11 @@ impl<'a> Table<'a> {
         let mut columns = self.columns;
         // Mapped columns were added first; carried columns must be in the order of the file.
         columns.sort_by_key(|column| column.field);
-        for Reading { header, what, trace, empty, .. } in columns {
+        for Reading { header, what, trace, empty, first_text, .. } in columns {
+            if let Some((line, text)) = first_text {
+                notes.push(Note::TextColumn { column: header, line, text });
+                continue;
+            }
             if empty > 0 && !matches!(what, Use::Time) && !is_slower(&trace, empty) {
                 notes.push(Note::EmptyCells { column: header.clone(), count: empty });
             }

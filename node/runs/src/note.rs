@@ -23,6 +23,15 @@ pub enum Note {
         /// Number of cells.
         count: u64,
     },
+    /// A column that nothing uses holds text, so it was left out.
+    TextColumn {
+        /// The column.
+        column: String,
+        /// Line of its first cell that is not empty.
+        line: u64,
+        /// The text of this cell.
+        text: String,
+    },
     /// A column looks like a known quantity, but its unit is not known; it was carried through and not used.
     UnitUnknown {
         /// The column.
@@ -244,6 +253,9 @@ impl fmt::Display for Note {
             }
             Self::EmptyCells { column, count } => {
                 write!(f, "column `{column}`: {} taken as no sample", counted(*count, "empty cell"))
+            }
+            Self::TextColumn { column, line, text } => {
+                write!(f, "column `{column}` is left out: it holds text (line {line}: `{text}`)")
             }
             Self::UnitUnknown { column, channel, known } => {
                 write!(

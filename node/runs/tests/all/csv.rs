@@ -44,6 +44,22 @@ fn nanos(trace: &Trace) -> Vec<i64> {
 }
 
 #[test]
+fn a_column_of_text_that_nothing_uses_is_left_out_with_a_note() {
+    let loaded = good("time_s,operator,displacement_m,count\n0,,0.1,7\n1,\"Mu, A\",0.2,8\n2,4,0.3,9\n");
+    assert_eq!(loaded.run.displacement_m.values, [0.1, 0.2, 0.3]);
+    let names: Vec<_> = loaded.run.other.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["count"]);
+    let notes: Vec<_> = loaded.notes.iter().map(ToString::to_string).collect();
+    assert_eq!(notes, ["column `operator` is left out: it holds text (line 3: `Mu, A`)"]);
+    // A column of numbers with one bad cell loses no numbers without a word.
+    let text = refusal("time_s,displacement_m,count\n0,0.1,7\n1,0.2,x\n", &LoadOptions::default());
+    assert!(
+        text.contains("line 3, column `count`: `x` is not a number, as the cells above it are"),
+        "{text}"
+    );
+}
+
+#[test]
 fn reads_columns_in_any_order_with_units() {
     let loaded =
         good("force_lbf,time_s,current_ma,displacement_mm,note_x\n1,0,250,25.4,7\n2,0.5,500,-25.4,8\n");
