@@ -79,7 +79,7 @@ pub enum NoInverse {
     },
     /// The force falls with more current.
     #[error(
-        "gives one force at several currents (the force turns back by {fall_n:.1} N above {current_a:.2} A); it has no {method} inverse: \
+        "gives one force at several currents (the force turns back by {fall_n:.1} N above {current_a:.2} A), so the {method} method does not apply: \
          use search"
     )]
     NotUnique {

@@ -169,7 +169,11 @@ impl fmt::Display for SweptRange {
             return write!(f, "the model does what no damper does at {faults} of {}", self.sines.len());
         }
         f.write_str("the force stays bounded and takes energy from the motion")?;
-        if self.grows { f.write_str(", and does not fall with the drive") } else { Ok(()) }
+        if self.grows {
+            f.write_str(", and a cycle takes about as much or more of it at a larger drive")
+        } else {
+            Ok(())
+        }
     }
 }
 

@@ -117,6 +117,29 @@ impl Term {
         Ok(Self { modulator, argument, form, values, confirmed_in })
     }
 
+    /// The id of the library's effect that has this form; `None` if no entry has it. A term of this form is found where the library did not
+    /// name the effect.
+    ///
+    /// ```
+    /// use mr_damper_model::effect::term::{Argument, Form, Modulator, Term};
+    ///
+    /// let mass = Term::new((Modulator::Acceleration, Argument::Time, Form::Constant), 9.7, &[], [0.0, 30.0])?;
+    /// assert_eq!(mass.in_library(), Some("inertia"));
+    /// # Ok::<(), mr_damper_model::Error>(())
+    /// ```
+    #[must_use]
+    pub const fn in_library(&self) -> Option<&'static str> {
+        match (self.modulator, self.argument, self.form) {
+            (Modulator::Acceleration, _, Form::Constant) => Some("inertia"),
+            (Modulator::SignVelocity, _, Form::Constant) => Some("friction"),
+            (Modulator::Displacement, _, Form::Constant)
+            | (Modulator::One, Argument::Displacement, Form::Linear) => Some("gas_spring"),
+            (Modulator::One, Argument::Time, Form::Linear) => Some("load_cell_drift"),
+            (Modulator::Force, Argument::Displacement, Form::Linear) => Some("position_dependence"),
+            _ => None,
+        }
+    }
+
     /// The amount, in N per unit of the modulator and of the form.
     #[must_use]
     pub const fn amount(&self) -> f64 {

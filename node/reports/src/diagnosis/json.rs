@@ -201,7 +201,7 @@ struct TermRow {
     sentence: String,
     /// `effect`, `structure` or `effect_or_structure`.
     claim: &'static str,
-    /// Amount on the healthy runs as a share of `amount`; `null` without healthy runs.
+    /// Amount on the healthy runs as a share of `amount`; `null` without healthy runs that can tell.
     on_healthy: Option<f64>,
     /// Modulator and argument of the pairs that the runs cannot distinguish from the term's.
     class: Vec<[&'static str; 2]>,

@@ -25,7 +25,7 @@ const BOTH_CURVES: &str = "The curve c g(q) of the term over the range of its ar
 pub(super) const HUM: &str = "In the measured force alone";
 
 /// The heading of the terms.
-pub(super) const HEADING: &str = "Not in the library";
+pub(super) const HEADING: &str = "Terms beside the effects of the library";
 
 /// That a cause is a hypothesis.
 pub(super) const HYPOTHESES: &str =
@@ -66,9 +66,10 @@ pub(super) fn numbers(term: &Term, ci95: &[[f64; 2]], drive: Option<DriveKind>) 
     term.numbers(words::drive_unit(drive)).into_iter().enumerate().map(one).collect()
 }
 
-/// The claim about a term in words.
-pub(super) fn claim(claim: Claim) -> String {
+/// The claim about a term in words; `library` is the id of the library's effect that has its form, if one has it.
+pub(super) fn claim(claim: Claim, library: Option<&str>) -> String {
     let says = match claim {
+        Claim::Effect { .. } if library.is_some() => "an effect",
         Claim::Effect { .. } => "an effect that the library does not have",
         Claim::Structure { .. } => "the healthy damper has it too: the structure of the base lacks it",
         Claim::EffectOrStructure { on_healthy: None } => {
@@ -78,10 +79,13 @@ pub(super) fn claim(claim: Claim) -> String {
             "effect or structure of the base: the healthy runs cannot tell either"
         }
     };
-    on_healthy(claim).map_or_else(
-        || says.to_owned(),
-        |ratio| format!("{says}; on the healthy runs its amount is {} of this", words::percent(ratio)),
-    )
+    let known = library.map_or_else(String::new, |id| {
+        format!("; the library has this form as {id}, which was searched and not named")
+    });
+    let ratio = on_healthy(claim).map_or_else(String::new, |ratio| {
+        format!("; on the healthy runs its amount is {} of this", words::percent(ratio))
+    });
+    format!("{says}{ratio}{known}")
 }
 
 /// The amount on the healthy runs as a share of the term's; `None` without healthy runs.
@@ -168,7 +172,7 @@ fn one(found: &FoundTerm, drive: Option<DriveKind>) -> Markup {
             li { (term.sentence(unit)) }
             @for number in numbers(term, &found.ci95, drive) { li { (number.in_words()) } }
             li { (capital(&confirmed(term, drive))) "." }
-            li { (capital(&claim(found.claim))) "." }
+            li { (capital(&claim(found.claim, term.in_library()))) "." }
             li { (evidence(found)) "." }
             @if let Some(others) = class(found) { li { "Or one of " (others) ": these runs cannot distinguish them." } }
             @if !hypotheses.is_empty() {

@@ -243,7 +243,8 @@ fn the_text_says_what_a_term_is_and_what_may_be_claimed_about_it() {
     let found = with_terms(vec![loss_of_force(), drive_friction()]);
     let text = text(&found, Some(DriveKind::CoilCurrent));
     assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");
-    let terms: Vec<&str> = text.lines().skip_while(|line| *line != "Not in the library").collect();
+    let terms: Vec<&str> =
+        text.lines().skip_while(|line| *line != "Terms beside the effects of the library").collect();
     let terms = terms.split(|line| line.starts_with("Structures")).next().expect("a part");
     insta::assert_snapshot!(terms.join("\n").trim_end());
     let verdict =
@@ -262,7 +263,8 @@ fn a_resonance_and_a_hum_are_said_with_numbers_and_pictures() {
     let discovery = Discovery { hum: Some(hum()), ..found.discovery };
     let found = DiagnosisResult { discovery, ..found };
     let text = text(&found, Some(DriveKind::CoilCurrent));
-    let said: Vec<&str> = text.lines().skip_while(|line| *line != "Not in the library").collect();
+    let said: Vec<&str> =
+        text.lines().skip_while(|line| *line != "Terms beside the effects of the library").collect();
     let said = said.split(|line| line.starts_with("Structures")).next().expect("a part");
     insta::assert_snapshot!(said.join("\n").trim_end());
     let json = serde_json::to_value(DiagnosisReport::of(&found, Some(DriveKind::CoilCurrent))).expect("JSON");
@@ -279,7 +281,7 @@ fn a_resonance_and_a_hum_are_said_with_numbers_and_pictures() {
 
 #[test]
 fn each_claim_has_its_own_words() {
-    let say = |claim| terms::claim(claim);
+    let say = |claim| terms::claim(claim, None);
     assert_eq!(say(Claim::Effect { on_healthy: None }), "an effect that the library does not have");
     assert_eq!(
         say(Claim::Effect { on_healthy: Some(0.04) }),
@@ -295,6 +297,10 @@ fn each_claim_has_its_own_words() {
     );
     let both = say(Claim::EffectOrStructure { on_healthy: Some(0.3) });
     assert!(both.contains("the healthy runs cannot tell either") && !both.contains("--healthy"), "{both}");
+    assert_eq!(
+        terms::claim(Claim::Effect { on_healthy: None }, Some("inertia")),
+        "an effect; the library has this form as inertia, which was searched and not named"
+    );
 }
 
 #[test]

@@ -132,7 +132,9 @@ fn term(text: &mut String, found: &FoundTerm, drive: Option<DriveKind>) {
     for number in terms::numbers(term, &found.ci95, drive) {
         paragraph(text, 4, &number.in_words());
     }
-    for line in [terms::confirmed(term, drive), terms::claim(found.claim), terms::evidence(found)] {
+    for line in
+        [terms::confirmed(term, drive), terms::claim(found.claim, term.in_library()), terms::evidence(found)]
+    {
         paragraph(text, 4, &line);
     }
     if let Some(others) = terms::class(found) {

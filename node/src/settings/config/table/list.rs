@@ -512,7 +512,7 @@ const ZENOH: [Parameter; 11] = [
         "encoding of the state/ keys",
         zenoh.encoding
     ),
-    double!("zenoh.web_rate_hz", 1.0..=50.0, Never, "highest rate of the web/ keys, Hz", zenoh.web_rate_hz),
+    double!("zenoh.web_rate_hz", 20.0..=50.0, Never, "highest rate of the web/ keys, Hz", zenoh.web_rate_hz),
     double!(
         "zenoh.history_s",
         0.0..=600.0,
