@@ -1,4 +1,5 @@
-/* The demanded force is held between requests. A request that is refused cancels the one before it.
+/* The demanded force is held between requests. A request that is refused cancels the one before it. The estimate does not depend on it, so
+   no flag says that it was refused.
    @needs gate bits max
    @header */
 typedef struct {
@@ -8,25 +9,15 @@ typedef struct {
     double force_n;
 } mrd_request;
 /* @source */
-static void mrd_take_request(const mrd_parameters *p, mrd_request *r, bool *is_requested, uint32_t *pending, int64_t time_ns,
-                             double force_n) {
-    int decision;
+static void mrd_take_request(const mrd_parameters *p, mrd_request *r, bool *is_requested, int64_t time_ns, double force_n) {
+    bool is_refused = !mrd_is_finite(force_n) || mrd_abs(force_n) > p->force_max_n;
     if (mrd_is_nan(force_n)) {
         return; /* no request */
     }
-    if (!mrd_is_finite(force_n)) {
-        *pending |= MRD_INPUT_REFUSED;
-        r->is_known = false;
-        return;
+    if (!is_refused) {
+        is_refused = mrd_gate_check(&r->gate, time_ns) == MRD_REFUSE;
     }
-    if (mrd_abs(force_n) > p->force_max_n) {
-        *pending |= MRD_INPUT_REFUSED | MRD_INPUT_RANGE;
-        r->is_known = false;
-        return;
-    }
-    decision = mrd_gate_check(&r->gate, time_ns);
-    if (decision == MRD_REFUSE) {
-        *pending |= MRD_INPUT_REFUSED;
+    if (is_refused) {
         r->is_known = false;
         return;
     }

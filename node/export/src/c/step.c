@@ -370,7 +370,7 @@ bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd
 bool mrd_step(const mrd_parameters *p, mrd_state *s, const mrd_input *input, mrd_output *out) {
     mrd_moving moving;
     bool drive_counts;
-    mrd_take_request(p, &s->inverse.request, &s->inverse.is_requested, &s->pending, input->time_ns, input->force_request_n);
+    mrd_take_request(p, &s->inverse.request, &s->inverse.is_requested, input->time_ns, input->force_request_n);
     if (!mrd_estimate(p, s, input, out, &moving)) {
         /* No command: the one before holds. */
         mrd_begin(p, &s->inverse);
