@@ -260,8 +260,8 @@ pub enum IdentifyError {
     },
     /// The drive has too few levels to determine free sets.
     #[error(
-        "the runs hold {levels} levels of {drive}, so {sets} sets cannot be placed, which need more than {sets} levels; add runs in which it varies, request fewer sets, or \
-         leave the sets fixed"
+        "the runs hold {levels} levels of {drive}, so {sets} sets cannot be placed, which need more than {sets} levels; add runs in which it \
+         varies, request fewer sets, or leave the sets fixed"
     )]
     TooFewLevels {
         /// The drive that the sets divide.

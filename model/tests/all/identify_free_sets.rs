@@ -113,7 +113,10 @@ fn sets_that_the_runs_do_not_determine_are_rejected() {
     let from_runs = Options { placement: Placement::FromRuns, ..options(3) };
     let steps = level(|t| [0.0, 1.0, 2.0][(t / 0.5) as usize % 3]);
     let text = error(&steps, &from_runs);
-    assert!(text.contains("3 levels of current_a, so 3 sets cannot be placed, which need more than 3 levels"), "{text}");
+    assert!(
+        text.contains("3 levels of current_a, so 3 sets cannot be placed, which need more than 3 levels"),
+        "{text}"
+    );
     let text = error(&level(|_| 0.5), &from_runs);
     assert!(text.contains("one set over current_a"), "{text}");
     // Fewer sets than levels can be placed.
