@@ -15,8 +15,8 @@
 //! Noise in the velocity favours structures with memory, which filter it. A simpler structure that fits worse for that reason may still be
 //! the damper's.
 //!
-//! The structures are identified in parallel, and searched in parallel for one effect each, round by round. A structure that another one surpasses by far, although that one had a round
-//! less, is not searched further. One round less is what a structure with memory is ahead of one without: it may contain one effect of the
+//! The structures are identified in parallel, and searched in parallel for one effect each, round by round. A structure that another one
+//! surpasses by far, although that one had a round less, is not searched further. One round less is what a structure with memory is ahead of one without: it may contain one effect of the
 //! library by itself. Structures that are far behind after the rounds cannot be chosen, and their effects are not checked against each
 //! other, which costs more than the rounds.
 //!

@@ -147,7 +147,8 @@ impl std::fmt::Display for TermRefusal {
             }
             Self::TooSmall { share, needed } => write!(
                 f,
-                "it removes {:.1} % of the squared error on the validation runs that another structure of the base could not, and needs {:.0} %",
+                "it removes {:.1} % of the squared error on the validation runs that another structure of the base could not, and \
+                 needs {:.0} %",
                 100.0 * share,
                 100.0 * needed
             ),
@@ -405,7 +406,7 @@ impl<'a> Search<'a> {
                     beyond.push(beyond_structure);
                     *fitted = next;
                 }
-                // What the next pass finds must reach the goal beyond the space of structures, too.
+                // A term of the next pass must reach the goal beyond the space of structures, too.
                 Err(Unsettled::FarFromGoal) => break,
                 Err(Unsettled::Refused(refused)) => {
                     discovery.refused = refused;
