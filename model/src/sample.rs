@@ -394,6 +394,40 @@ impl Run {
         self.drive.as_ref().map(|(kind, _)| *kind)
     }
 
+    /// The samples of `channel`; `None` without it.
+    ///
+    /// ```
+    /// use mr_damper_model::sample::{Channel, Run, Stamp, Trace};
+    ///
+    /// let force = Trace { stamps: vec![Stamp::from_nanos(7)], values: vec![450.0] };
+    /// let run = Run { force_n: Some(force.clone()), ..Run::default() };
+    /// assert_eq!(run.trace(Channel::Force), Some(&force));
+    /// assert_eq!(run.trace(Channel::Drive), None);
+    /// assert_eq!(run.span(), Some((Stamp::from_nanos(7), Stamp::from_nanos(7))));
+    /// ```
+    #[must_use]
+    pub fn trace(&self, channel: Channel) -> Option<&Trace> {
+        match channel {
+            Channel::Displacement => Some(&self.displacement_m),
+            Channel::Velocity => self.velocity_m_s.as_ref(),
+            Channel::Drive => self.drive.as_ref().map(|(_, trace)| trace),
+            Channel::Force => self.force_n.as_ref(),
+            Channel::CaseTemperature => self.case_temp_c.as_ref(),
+            Channel::BodyVelocity => self.body_velocity_m_s.as_ref(),
+            Channel::ForceRequest => self.force_request_n.as_ref(),
+        }
+    }
+
+    /// Stamps of the first and the last sample of all channels; `None` without a sample.
+    #[must_use]
+    pub fn span(&self) -> Option<(Stamp, Stamp)> {
+        let stamps =
+            || Channel::ALL.into_iter().filter_map(|channel| self.trace(channel)).map(|trace| &trace.stamps);
+        let first = stamps().filter_map(|stamps| stamps.first()).min()?;
+        let last = stamps().filter_map(|stamps| stamps.last()).max()?;
+        Some((*first, *last))
+    }
+
     /// Duration of the displacement channel, in seconds.
     #[must_use]
     pub fn duration(&self) -> Second {

@@ -159,9 +159,7 @@ fn check_start(start_s: f64, path: &Path, length_s: f64) -> Result<(), StartBeyo
 
 /// Time from the first to the last sample of all channels, s.
 fn length_s(run: &Run) -> f64 {
-    let mut stamps = run.samples().map(|sample| sample.stamp);
-    let Some(first) = stamps.next() else { return 0.0 };
-    stamps.last().map_or(0.0, |last| last.since(first).get())
+    run.span().map_or(0.0, |(first, last)| last.since(first).get())
 }
 
 /// Warns once that stamps keep their recorded spacing although the speed is not 1 and no time is published.

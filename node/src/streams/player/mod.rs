@@ -262,8 +262,7 @@ impl Player {
         keys: Option<&Keys>,
         at: &dyn Fn(f64),
     ) {
-        let Some(first) = run.samples().next().map(|sample| sample.stamp) else { return };
-        let last = run.samples().last().map_or(first, |sample| sample.stamp);
+        let Some((first, last)) = run.span() else { return };
         self.control.begin(options.rate, (first, last));
         let mut playing = Playing {
             player: self,
