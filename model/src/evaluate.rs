@@ -191,11 +191,43 @@ pub fn evaluate_into(
     settings: Settings,
     counts: impl Fn(Stamp) -> bool,
 ) -> Result<(), Error> {
+    evaluate_and(evaluator, model, run, settings, counts, |_| {})
+}
+
+/// As [`evaluate_into`], and passes each event to `also`.
+///
+/// ```
+/// use mr_damper_model::evaluate::{Evaluator, evaluate_and};
+/// use mr_damper_model::pipeline::{Event, Settings};
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let run = record(&Experiment::sine(0.01, 2.0, 1.2, 1.0), &Plant::default(), &Channels::default(), 1);
+/// let (mut evaluator, mut estimates) = (Evaluator::default(), 0);
+/// let count = |event: &Event| estimates += usize::from(matches!(event, Event::Estimate(_)));
+/// evaluate_and(&mut evaluator, preset::load(preset::BEST_FUZZY_TANH)?, &run, Settings::default(), |_| true, count)?;
+/// assert_eq!(estimates, run.displacement_m.len());
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_and(
+    evaluator: &mut Evaluator,
+    model: Model,
+    run: &Run,
+    settings: Settings,
+    counts: impl Fn(Stamp) -> bool,
+    mut also: impl FnMut(&Event),
+) -> Result<(), Error> {
     require_channels(&model, run)?;
     evaluator.new_run();
     let mut pipeline = Pipeline::new(Models::alone(model), settings)?;
     for sample in run.samples() {
-        pipeline.step(&sample, &mut |event| evaluator.take(&event, &counts));
+        pipeline.step(&sample, &mut |event| {
+            evaluator.take(&event, &counts);
+            also(&event);
+        });
     }
     Ok(())
 }

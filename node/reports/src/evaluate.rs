@@ -5,10 +5,10 @@ mod refusals;
 pub use refusals::Refusals;
 
 use mr_damper_model::Error;
-use mr_damper_model::evaluate::{Coverage, evaluate};
+use mr_damper_model::evaluate::{Coverage, Evaluator, evaluate_and};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
-use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
+use mr_damper_model::pipeline::{Event, Settings};
 use mr_damper_model::sample::Run;
 use serde::Serialize;
 
@@ -35,7 +35,14 @@ pub struct RunReport {
 /// # Errors
 /// When model and run do not fit together.
 pub fn figures(name: String, model: Model, run: &Run) -> Result<RunReport, Error> {
-    let found = evaluate(model, run, Settings::default(), |_| true)?;
+    let (mut evaluator, mut refusals) = (Evaluator::default(), Refusals::default());
+    let note = |event: &Event| {
+        if let Event::Refusal(refusal) = event {
+            refusals.take(refusal, run);
+        }
+    };
+    evaluate_and(&mut evaluator, model, run, Settings::default(), |_| true, note)?;
+    let found = evaluator.finish();
     Ok(RunReport {
         run: name,
         free_run: found.free_run,
@@ -45,20 +52,6 @@ pub fn figures(name: String, model: Model, run: &Run) -> Result<RunReport, Error
         persistence: found.persistence,
         band: found.band,
         refused: found.refused,
-        refusals: if found.refused > 0 { refusals(model, run)? } else { Refusals::default() },
+        refusals,
     })
-}
-
-/// The samples of `run` that the pipeline refuses. An evaluation only counts them, so this runs the pipeline again.
-fn refusals(model: Model, run: &Run) -> Result<Refusals, Error> {
-    let mut pipeline = Pipeline::new(Models::alone(model), Settings::default())?;
-    let mut refusals = Refusals::default();
-    for sample in run.samples() {
-        pipeline.step(&sample, &mut |event| {
-            if let Event::Refusal(refusal) = event {
-                refusals.take(&refusal, run);
-            }
-        });
-    }
-    Ok(refusals)
 }

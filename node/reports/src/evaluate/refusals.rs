@@ -35,7 +35,7 @@ impl Refusals {
                 channel: channel.name(),
                 reason: why.name(),
                 samples: 1,
-                of: samples_in(run, channel),
+                of: run.trace(channel).map_or(0, Trace::len) as u64,
                 first: *refusal,
             }),
         }
@@ -91,20 +91,6 @@ impl RefusedSamples {
         let parts: Vec<&str> = parts.iter().map(String::as_str).filter(|part| !part.is_empty()).collect();
         parts.join(" ")
     }
-}
-
-/// Number of samples that `run` has of `channel`.
-fn samples_in(run: &Run, channel: Channel) -> u64 {
-    let trace = match channel {
-        Channel::Displacement => Some(&run.displacement_m),
-        Channel::Drive => run.drive.as_ref().map(|(_, trace)| trace),
-        Channel::Velocity => run.velocity_m_s.as_ref(),
-        Channel::Force => run.force_n.as_ref(),
-        Channel::CaseTemperature => run.case_temp_c.as_ref(),
-        Channel::BodyVelocity => run.body_velocity_m_s.as_ref(),
-        Channel::ForceRequest => run.force_request_n.as_ref(),
-    };
-    trace.map_or(0, Trace::len) as u64
 }
 
 /// The channel of `reading` in words.
